@@ -1,0 +1,448 @@
+//! The messages of the farm, grouped by who speaks and who listens. JSON, but for unit results
+//! (see [`crate::result`]).
+
+use std::{fmt, str::FromStr};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::{
+    hash::AssetHash,
+    job::{JobId, JobState, LeaseId, Quality, WorkerId},
+    method::Method,
+    pass::Work,
+    tile::Rect,
+};
+
+/// Prefix of every route but health and metrics.
+pub const API: &str = "/api/v1";
+/// Seconds between two heartbeats of a worker.
+pub const HEARTBEAT_SECONDS: f64 = 5.0;
+/// Seconds of silence after which a worker is lost.
+pub const WORKER_LOST_SECONDS: f64 = 15.0;
+/// Longest a request for a lease waits, seconds.
+pub const LEASE_POLL_SECONDS: f64 = 20.0;
+/// Content type of a unit's result: zstd over [`crate::result::UnitResult::encode`].
+pub const RESULT_CONTENT_TYPE: &str = "application/x-tessera-unit+zstd";
+
+// ---------------------------------------------------------------- everyone <- coordinator
+
+/// The body of every response that is not a success.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ErrorBody {
+    /// The error.
+    pub error: ApiError,
+}
+
+/// What went wrong.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ApiError {
+    /// A short name for programs: `not_found`, `invalid`, `missing_assets`, `conflict`, `unauthorized`,
+    /// `too_large`, `internal`.
+    pub code: String,
+    /// One sentence for people.
+    pub message: String,
+    /// The offending field, by its path in the request.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field: Option<String>,
+    /// With `missing_assets`: the hashes wanted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<AssetHash>,
+}
+
+// ---------------------------------------------------------------- worker -> coordinator
+
+/// `POST /workers`: a worker process starts. Answered by [`Registered`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Register {
+    /// Name of the machine, for people.
+    pub machine: String,
+    /// Threads it renders with.
+    pub threads: u32,
+    /// Instruction sets the kernels may use: `avx2`, `sse2`, ...
+    pub cpu_features: Vec<String>,
+    /// Version of the tracer, [`Lease::tracer`].
+    pub tracer: String,
+    /// Drawn once per process start: a restarted worker is a new worker, a repeated request is not.
+    pub nonce: String,
+}
+
+/// `POST /workers/{id}/lease`: give me work. Answered by [`Lease`], or 204 after the wait.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LeaseRequest {
+    /// Scenes that are prepared here, as (scene, frame).
+    #[serde(default)]
+    pub prepared: Vec<(AssetHash, u32)>,
+    /// Wait at most this long, seconds, up to [`LEASE_POLL_SECONDS`].
+    #[serde(default)]
+    pub wait_seconds: f64,
+}
+
+/// `POST /workers/{id}/heartbeat`: still here. Answered by [`HeartbeatReply`].
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Heartbeat {
+    /// Leases it holds and wants renewed.
+    pub leases: Vec<LeaseId>,
+    /// Whether it is going away and wants no more work.
+    #[serde(default)]
+    pub draining: bool,
+    /// Scenes that are prepared here, as (scene, frame).
+    #[serde(default)]
+    pub prepared: Vec<(AssetHash, u32)>,
+}
+
+/// `POST /leases/{lease}/fail`: units that will not be rendered under this lease.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LeaseFailure {
+    /// The worker.
+    pub worker: WorkerId,
+    /// The units.
+    pub units: Vec<UnitId>,
+    /// Whether the units were at fault or the worker just leaves.
+    pub cause: FailureCause,
+    /// One sentence for people.
+    pub message: String,
+}
+
+/// Why units come back unrendered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FailureCause {
+    /// The scene could not be loaded or the render failed: costs an attempt.
+    Failed,
+    /// The worker goes away or the lease was cancelled: costs nothing.
+    Returned,
+}
+
+// ---------------------------------------------------------------- coordinator -> worker
+
+/// The answer to [`Register`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Registered {
+    /// Its name from now on.
+    pub worker: WorkerId,
+    /// Seconds between two heartbeats.
+    pub heartbeat_seconds: f64,
+}
+
+/// The answer to [`Heartbeat`].
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HeartbeatReply {
+    /// Leases that are no longer wanted: stop them and say nothing.
+    pub cancelled: Vec<LeaseId>,
+    /// Whether to finish what is begun and ask for no more.
+    pub drain: bool,
+}
+
+/// Units given to one worker until a deadline: all of one job and frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Lease {
+    /// Its name.
+    pub id: LeaseId,
+    /// Seconds until it must be renewed by a heartbeat.
+    pub seconds: f64,
+    /// Version of the tracer that the job is pinned to.
+    pub tracer: String,
+    /// The scene file.
+    pub scene: AssetHash,
+    /// Settings shared by the units.
+    pub settings: RenderSettings,
+    /// The units.
+    pub units: Vec<Unit>,
+}
+
+/// What the units of a frame have in common. With a [`Unit`] it is all that pixels depend on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RenderSettings {
+    /// Frame number.
+    pub frame: u32,
+    /// Width and height of the whole frame, pixels.
+    pub resolution: [u32; 2],
+    /// How light is estimated.
+    pub method: Method,
+    /// Seed of the sample points.
+    pub seed: u64,
+    /// Samples of a batch.
+    pub batch: u32,
+}
+
+/// One piece of work, computed once.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Unit {
+    /// Its name, which holds its rectangle.
+    pub id: UnitId,
+    /// Which samples.
+    pub work: Work,
+    /// Whether features of the first hit are wanted too (first pass).
+    pub features: bool,
+}
+
+/// Names a unit: job, frame, tile, pass, and the rectangle (the tile's, or a part of it). Written
+/// `j3.f1.t12.p0.x64.y0.w64.h32`, so that a result can be placed even by a coordinator that was restarted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct UnitId {
+    /// Job.
+    pub job: JobId,
+    /// Frame number.
+    pub frame: u32,
+    /// Tile index in the frame.
+    pub tile: u32,
+    /// Pass of the tile.
+    pub pass: u32,
+    /// The pixels.
+    pub rect: Rect,
+}
+
+impl fmt::Display for UnitId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let UnitId { job, frame, tile, pass, rect: Rect { x, y, w, h } } = self;
+        write!(f, "{job}.f{frame}.t{tile}.p{pass}.x{x}.y{y}.w{w}.h{h}")
+    }
+}
+
+impl FromStr for UnitId {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bad = || format!("\"{text}\" is not a unit such as j3.f1.t12.p0.x64.y0.w64.h32");
+        let mut parts = text.split('.');
+        let job = parts.next().and_then(|part| part.parse().ok()).ok_or_else(bad)?;
+        let mut number = |prefix: &str| -> Result<u32, String> {
+            let digits = parts.next().and_then(|part| part.strip_prefix(prefix)).ok_or_else(bad)?;
+            if digits.bytes().all(|b| b.is_ascii_digit()) { digits.parse().map_err(|_| bad()) } else { Err(bad()) }
+        };
+        let (frame, tile, pass) = (number("f")?, number("t")?, number("p")?);
+        let rect = Rect { x: number("x")?, y: number("y")?, w: number("w")?, h: number("h")? };
+        if parts.next().is_some() { Err(bad()) } else { Ok(UnitId { job, frame, tile, pass, rect }) }
+    }
+}
+
+impl Serialize for UnitId {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for UnitId {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+impl JsonSchema for UnitId {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "UnitId".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({ "type": "string", "examples": ["j3.f1.t12.p0.x64.y0.w64.h32"] })
+    }
+}
+
+// ---------------------------------------------------------------- coordinator -> people
+
+/// A job as people see it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct JobView {
+    /// Its name in the API.
+    pub id: JobId,
+    /// Its name for people.
+    pub name: String,
+    /// Where it is in its life.
+    #[serde(rename = "status")]
+    pub state: JobState,
+    /// Why it failed, one sentence.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<String>,
+    /// Share of the work done, 0 to 1.
+    pub progress: f64,
+    /// Samples taken so far.
+    pub samples: u64,
+    /// Samples per second over the last seconds.
+    pub samples_per_second: f64,
+    /// Relative error that 99% of the measured pixels keep to so far; absent until it can be told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<f64>,
+    /// Seconds to the end, absent until it can be told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub eta_seconds: Option<f64>,
+    /// Frames and how far each is.
+    pub frames: Vec<FrameView>,
+    /// The scene file.
+    pub scene: AssetHash,
+    /// Frame size, pixels.
+    pub resolution: [u32; 2],
+    /// Part of the frame that is rendered.
+    pub region: Rect,
+    /// Edge of a tile, pixels.
+    pub tile: u32,
+    /// How exact the picture must be.
+    pub quality: Quality,
+    /// How light is estimated.
+    pub method: Method,
+    /// 0 (last) to 100 (first).
+    pub priority: u8,
+    /// Free words.
+    pub tags: Vec<String>,
+    /// Seed of the sample points.
+    pub seed: u64,
+    /// Version of the tracer it is pinned to, once a worker has begun.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracer: Option<String>,
+    /// When it was submitted, RFC 3339.
+    pub created_at: String,
+    /// When it ended, RFC 3339.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finished_at: Option<String>,
+    /// What it cost so far.
+    pub statistics: JobStatistics,
+}
+
+/// Work and time of a job so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct JobStatistics {
+    /// Rays traced.
+    pub rays: u64,
+    /// Bounding-box tests.
+    pub node_tests: u64,
+    /// Primitive tests.
+    pub primitive_tests: u64,
+    /// Samples that were not finite and were left out.
+    pub rejected: u64,
+    /// Luminance that a clamp took away.
+    pub clamped: f64,
+    /// Processor seconds of all workers.
+    pub cpu_seconds: f64,
+    /// Leases given back, failed or lost and tried again, in units.
+    pub retries: u64,
+    /// Workers that handed in a result.
+    pub workers: u32,
+}
+
+/// A frame as people see it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FrameView {
+    /// Frame number.
+    pub frame: u32,
+    /// Share of its work done, 0 to 1.
+    pub progress: f64,
+    /// Whether it is done.
+    pub done: bool,
+    /// Mean samples a pixel.
+    pub mean_samples: f64,
+    /// Most samples of a pixel.
+    pub max_samples: u32,
+    /// Share of pixels whose interval is within the target; absent without a noise target.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_target: Option<f64>,
+}
+
+/// A page of jobs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct JobList {
+    /// The jobs, newest first.
+    pub jobs: Vec<JobView>,
+    /// Give this as `cursor` for the next page; absent on the last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub next: Option<String>,
+}
+
+/// A tile as people see it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TileView {
+    /// Index in the frame.
+    pub tile: u32,
+    /// Its pixels.
+    pub rect: Rect,
+    /// `waiting`, `pending`, `leased` or `done`.
+    pub state: String,
+    /// Passes finished.
+    pub passes: u32,
+    /// Attempts that failed.
+    pub attempts: u32,
+    /// Worker that has it, or had it last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub worker: Option<WorkerId>,
+    /// Processor milliseconds spent.
+    pub milliseconds: f64,
+    /// Samples taken in it.
+    pub samples: u64,
+}
+
+/// A worker as people see it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WorkerView {
+    /// Its name in the API.
+    pub id: WorkerId,
+    /// Name of its machine.
+    pub machine: String,
+    /// `idle`, `busy`, `draining`, `disabled` or `lost`.
+    pub state: String,
+    /// Threads it renders with.
+    pub threads: u32,
+    /// Instruction sets.
+    pub cpu_features: Vec<String>,
+    /// Version of its tracer.
+    pub tracer: String,
+    /// Samples per second over the last units.
+    pub samples_per_second: f64,
+    /// Units handed in.
+    pub units: u64,
+    /// Units failed.
+    pub failures: u64,
+    /// Seconds since it was last heard of.
+    pub last_seen_seconds: f64,
+    /// Units it holds now.
+    pub leased: u64,
+}
+
+/// All workers of the farm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WorkerList {
+    /// The workers, oldest first.
+    pub workers: Vec<WorkerView>,
+}
+
+/// The tiles of a frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TileList {
+    /// The tiles in index order.
+    pub tiles: Vec<TileView>,
+}
+
+/// `PATCH /jobs/{id}`: changes to a job.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JobPatch {
+    /// New priority.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub priority: Option<u8>,
+    /// A finer target; every sample taken is kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
+    /// Name for people.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_has_one_spelling() {
+        let id = UnitId { job: JobId(3), frame: 1, tile: 12, pass: 0, rect: Rect { x: 64, y: 0, w: 64, h: 32 } };
+        assert_eq!(id.to_string(), "j3.f1.t12.p0.x64.y0.w64.h32");
+        assert_eq!(id.to_string().parse(), Ok(id));
+        for bad in
+            ["", "j3", "j3.f1.t12.p0.x64.y0.w64.h32.z1", "j3.f1.t12.p0.x64.y0.w64.h-2", "j3.f+1.t12.p0.x6.y0.w6.h2"]
+        {
+            assert!(bad.parse::<UnitId>().is_err(), "{bad}");
+        }
+    }
+}
