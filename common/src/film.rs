@@ -18,13 +18,16 @@ pub struct Moments {
     pub mean: [f64; 3],
     /// Sum over batches of (samples in the batch) x (luminance of its mean - luminance of the mean)^2.
     pub m2: f64,
+    /// Whether every sample so far missed the scene or ended on a light it saw directly, with nothing
+    /// estimated on the way: then a spread of zero is knowledge, not luck.
+    pub known: bool,
 }
 
 impl Moments {
     /// One batch: its number of samples and its mean.
     #[must_use]
     pub fn batch(samples: u32, mean: [f64; 3]) -> Self {
-        Self { samples, batches: 1, mean, m2: 0.0 }
+        Self { samples, batches: 1, mean, m2: 0.0, known: false }
     }
 
     /// Add `other` after `self` (Chan, Golub and LeVeque 1983). The order is part of the bits.
@@ -48,6 +51,7 @@ impl Moments {
             batches: self.batches + other.batches,
             mean,
             m2: self.m2 + other.m2 + delta * delta * (na * nb / n),
+            known: self.known && other.known,
         }
     }
 

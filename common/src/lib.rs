@@ -3,6 +3,7 @@
 //! Everything here is pure: values in, values out. This crate knows nothing of sockets, files, threads,
 //! async runtimes or any clock; CI proves it.
 
+pub mod adaptive;
 pub mod film;
 pub mod hash;
 pub mod job;

@@ -2,7 +2,7 @@
 //!
 //! A pixel is 16 bytes, its mean as three f32 and the root of its M2 as one (the root keeps the range of
 //! radiance). Counts are sent once where they are the same for all pixels. A first pass adds 28 bytes of
-//! features. The bytes are a pure function of the unit but for the trailing statistics.
+//! features; where some pixels are known exactly, a byte each says which. The bytes are a pure function of the unit but for the trailing statistics.
 
 use crate::{
     film::{Features, Film, Moments},
@@ -15,6 +15,7 @@ const HEADER: usize = 4 + 4 + 16;
 const STATISTICS: usize = 8 * 8;
 const PER_PIXEL_COUNTS: u32 = 1;
 const WITH_FEATURES: u32 = 2;
+const WITH_KNOWN: u32 = 4;
 
 /// Work counted and time spent on a unit. Only the counts are reproducible.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -82,7 +83,7 @@ pub enum BadResult {
 /// Largest size of a result for `pixels` pixels before compression, bytes.
 #[must_use]
 pub fn max_encoded_len(pixels: usize) -> usize {
-    HEADER + STATISTICS + pixels * (16 + 8 + 28)
+    HEADER + STATISTICS + pixels * (16 + 8 + 28 + 1)
 }
 
 impl UnitResult {
@@ -98,6 +99,10 @@ impl UnitResult {
         }
         if !self.film.features.is_empty() {
             flags |= WITH_FEATURES;
+        }
+        let known = moments.iter().any(|m| m.known);
+        if known {
+            flags |= WITH_KNOWN;
         }
         let mut out = Vec::with_capacity(max_encoded_len(moments.len()));
         out.extend(MAGIC);
@@ -115,6 +120,9 @@ impl UnitResult {
         moments.iter().for_each(|m| out.extend((m.m2.sqrt() as f32).to_le_bytes()));
         for channel in 0..7 {
             self.film.features.iter().for_each(|f| out.extend(feature(f, channel).to_le_bytes()));
+        }
+        if known {
+            out.extend(moments.iter().map(|m| u8::from(m.known)));
         }
         let s = &self.statistics;
         for n in [s.samples, s.rays, s.node_tests, s.primitive_tests, s.rejected] {
@@ -136,7 +144,7 @@ impl UnitResult {
             return Err(BadResult::Magic);
         }
         let flags = input.u32()?;
-        if flags & !(PER_PIXEL_COUNTS | WITH_FEATURES) != 0 {
+        if flags & !(PER_PIXEL_COUNTS | WITH_FEATURES | WITH_KNOWN) != 0 {
             return Err(BadResult::Magic);
         }
         let found = Rect { x: input.u32()?, y: input.u32()?, w: input.u32()?, h: input.u32()? };
@@ -146,7 +154,8 @@ impl UnitResult {
         let pixels = rect.area();
         let counted = if flags & PER_PIXEL_COUNTS == 0 { 1 } else { pixels };
         let features = if flags & WITH_FEATURES == 0 { 0 } else { pixels };
-        if bytes.len() != HEADER + 8 * counted + 16 * pixels + 28 * features + STATISTICS {
+        let known = if flags & WITH_KNOWN == 0 { 0 } else { pixels };
+        if bytes.len() != HEADER + 8 * counted + 16 * pixels + 28 * features + known + STATISTICS {
             return Err(BadResult::Length);
         }
         let mut film =
@@ -177,6 +186,13 @@ impl UnitResult {
             for f in &mut film.features {
                 *feature_mut(f, channel) = input.f32()?;
             }
+        }
+        for m in &mut film.moments[..known] {
+            m.known = match input.take()? {
+                [0] => false,
+                [1] => true,
+                _ => return Err(BadResult::Value),
+            };
         }
         let statistics = UnitStatistics {
             samples: input.u64()?,
@@ -250,6 +266,7 @@ mod tests {
                 batches: 2,
                 mean: [0.5, f64::from(i), 2.0],
                 m2: 0.25,
+                known: uneven && i % 2 == 0,
             })
             .collect();
         let feature = Features { albedo: [0.1, 0.2, 0.3], normal: [0.0, 1.0, 0.0], depth: 7.0 };

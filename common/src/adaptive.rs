@@ -1,0 +1,286 @@
+//! The stopping rule: from what is known of a pixel and its neighbours to how many batches it needs.
+//!
+//! Pure statistics. The coordinator plans passes with it, and the coverage study simulates it: both call
+//! this module, so what is studied is what renders.
+//!
+//! The textbook rule looks at one pixel again and again and stops the first time its interval is short
+//! enough. It thereby picks out the moments when light has been missed: where a bright event has
+//! probability 0.01, most pixels stop at the first look. Four things keep this rule honest:
+//! the samples still needed are predicted, so that there are few looks; the variance is the larger of
+//! the pixel's own and that pooled with its neighbours, so that a pixel which has missed an event learns
+//! of it from those that saw it; the quantile is Student's; and zero variance is never convergence.
+
+use crate::film::Moments;
+
+/// Batches of the pilot: every pixel of an adaptive frame gets these first.
+pub const PILOT_BATCHES: u32 = 4;
+/// A pass at most multiplies a pixel's batches by this.
+pub const GROWTH: u32 = 2;
+/// Predictions are multiplied by this, so that most pixels need one further pass, not two.
+pub const SLACK: f64 = 1.1;
+/// The quantile is widened by this: z = 2 where the confidence asks for 1.96.
+pub const WIDENING: f64 = 2.0 / 1.959_963_984_540_054;
+/// Share of pixels that must keep the target for the frame to count as having met it.
+pub const FRAME_SHARE: f64 = 0.99;
+/// Luminance below which the error is relative to this value instead of the pixel's own: one hundredth of
+/// display white. Without a floor, pixels that are black but for rare light could never be finished.
+pub const FLOOR: f64 = 0.01;
+
+/// The target and the limits of an adaptive frame.
+#[derive(Debug, Clone)]
+pub struct Rule {
+    relative_error: f64,
+    confidence: f64,
+    batch: u32,
+    max_batches: u32,
+    quantiles: Vec<f64>,
+}
+
+/// Degrees of freedom up to which quantiles are tabled; beyond, the last one is used, which is the normal
+/// one to four digits.
+const TABLED: usize = 2048;
+
+/// What the rule says of one pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verdict {
+    /// Half-width of the interval of its luminance; infinite where nothing is known.
+    pub half_width: f64,
+    /// Half-width relative to max(luminance, [`FLOOR`]).
+    pub relative: f64,
+    /// Whether it keeps the target.
+    pub met: bool,
+    /// Batches it should have after the next pass; its present number where it should get none.
+    pub batches: u32,
+}
+
+impl Rule {
+    /// A rule for pixels whose samples come in batches of `batch`.
+    #[must_use]
+    pub fn new(relative_error: f64, confidence: f64, max_samples: u32, batch: u32) -> Self {
+        let z = normal_quantile(0.5 + 0.5 * confidence) * WIDENING;
+        let probability = normal_cdf(z);
+        let quantiles = (1..=TABLED).map(|dof| student_quantile(probability, dof as f64)).collect();
+        let max_batches = max_samples.div_ceil(batch.max(1)).max(1);
+        Self { relative_error, confidence, batch: batch.max(1), max_batches, quantiles }
+    }
+
+    /// Most batches a pixel may get.
+    #[must_use]
+    pub fn max_batches(&self) -> u32 {
+        self.max_batches
+    }
+
+    /// Batches of the first pass.
+    #[must_use]
+    pub fn pilot(&self) -> u32 {
+        PILOT_BATCHES.min(self.max_batches)
+    }
+
+    /// Samples of a batch.
+    #[must_use]
+    pub fn batch(&self) -> u32 {
+        self.batch
+    }
+
+    /// Share of intervals that are to hold the truth.
+    #[must_use]
+    pub fn confidence(&self) -> f64 {
+        self.confidence
+    }
+
+    /// Judge a pixel by itself and the pixels around it (`around` holds the pixel too; three by three,
+    /// fewer at the edges of the frame).
+    #[must_use]
+    pub fn judge<'a>(&self, own: &Moments, around: impl IntoIterator<Item = &'a Moments>) -> Verdict {
+        let half_width = self.half_width(own, around);
+        let scale = own.luminance().abs().max(FLOOR);
+        let allowed = self.relative_error * scale;
+        if own.known {
+            return Verdict { half_width: 0.0, relative: 0.0, met: true, batches: own.batches };
+        }
+        let met = half_width <= allowed && half_width > 0.0;
+        let wanted = if met {
+            own.batches
+        } else if half_width > 0.0 && half_width.is_finite() {
+            let ratio = half_width / allowed;
+            ceil_to_u32(f64::from(own.batches) * ratio * ratio * SLACK).max(own.batches.saturating_add(1))
+        } else {
+            u32::MAX
+        };
+        let grown = own.batches.saturating_mul(GROWTH).max(own.batches.saturating_add(1));
+        let batches = wanted.min(grown).min(self.max_batches).max(own.batches);
+        let half_width = if half_width > 0.0 { half_width } else { f64::INFINITY };
+        Verdict { half_width, relative: half_width / scale, met, batches }
+    }
+
+    /// Half-width of the interval of the luminance: Student's quantile times the larger of the standard
+    /// error from the pixel's own batches and that from the variance pooled over `around`. 0 where no batch
+    /// differed from another, infinite below two batches.
+    fn half_width<'a>(&self, own: &Moments, around: impl IntoIterator<Item = &'a Moments>) -> f64 {
+        if own.batches < 2 {
+            return f64::INFINITY;
+        }
+        let (mut m2, mut dof) = (0.0, 0u64);
+        for pixel in around {
+            if pixel.batches >= 2 && !pixel.known {
+                m2 += pixel.m2;
+                dof += u64::from(pixel.batches - 1);
+            }
+        }
+        let of = |m2: f64, dof: u64| {
+            if dof == 0 { 0.0 } else { self.quantile(dof) * (m2 / (dof as f64 * f64::from(own.samples))).sqrt() }
+        };
+        of(own.m2, u64::from(own.batches - 1)).max(of(m2, dof))
+    }
+
+    fn quantile(&self, dof: u64) -> f64 {
+        self.quantiles[(dof as usize).clamp(1, TABLED) - 1]
+    }
+}
+
+fn ceil_to_u32(x: f64) -> u32 {
+    // `as` saturates, which is what is wanted here.
+    x.ceil() as u32
+}
+
+/// Distribution function of the standard normal distribution.
+#[must_use]
+pub fn normal_cdf(x: f64) -> f64 {
+    0.5 * libm::erfc(-x * std::f64::consts::FRAC_1_SQRT_2)
+}
+
+/// Quantile of the standard normal distribution, for probabilities between 0 and 1.
+#[must_use]
+pub fn normal_quantile(probability: f64) -> f64 {
+    invert(probability, normal_cdf)
+}
+
+/// Quantile of Student's t distribution with `dof` degrees of freedom.
+///
+/// In this crate and not from a library because plans are part of a picture's bits: it uses only
+/// operations that give the same bits on every machine.
+#[must_use]
+pub fn student_quantile(probability: f64, dof: f64) -> f64 {
+    invert(probability, |t| {
+        let tail = 0.5 * incomplete_beta(dof / (dof + t * t), 0.5 * dof, 0.5);
+        if t >= 0.0 { 1.0 - tail } else { tail }
+    })
+}
+
+/// Invert an increasing distribution function that is symmetric about 0, by bisection to the last bits.
+fn invert(probability: f64, cdf: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (-1e6, 1e6);
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if cdf(middle) < probability {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
+/// Regularised incomplete beta function by its continued fraction (DLMF 8.17.22, Lentz's method).
+fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
+    if x <= 0.0 || x >= 1.0 {
+        return if x <= 0.0 { 0.0 } else { 1.0 };
+    }
+    if x > (a + 1.0) / (a + b + 2.0) {
+        return 1.0 - incomplete_beta(1.0 - x, b, a);
+    }
+    let front =
+        libm::exp(libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b) + a * libm::log(x) + b * libm::log1p(-x)) / a;
+    let tiny = 1e-300;
+    let guard = |v: f64| if v.abs() < tiny { tiny } else { v };
+    let (mut c, mut d) = (1.0, 1.0 / guard(1.0 - (a + b) * x / (a + 1.0)));
+    let mut f = d;
+    for m in 1..500 {
+        let m = f64::from(m);
+        let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
+        d = 1.0 / guard(1.0 + even * d);
+        c = guard(1.0 + even / c);
+        f *= d * c;
+        let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
+        d = 1.0 / guard(1.0 + odd * d);
+        c = guard(1.0 + odd / c);
+        let step = d * c;
+        f *= step;
+        if (step - 1.0).abs() < 1e-15 {
+            break;
+        }
+    }
+    front * f
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+    #[test]
+    fn quantiles_are_those_of_the_library() {
+        let normal = Normal::standard();
+        for p in [0.6, 0.9, 0.975, 0.995, 0.9999] {
+            assert!((normal_quantile(p) - normal.inverse_cdf(p)).abs() < 1e-8, "{p}");
+            for dof in [1.0, 2.0, 3.0, 7.0, 27.0, 400.0, 2048.0] {
+                let expected = StudentsT::new(0.0, 1.0, dof).unwrap().inverse_cdf(p);
+                let found = student_quantile(p, dof);
+                assert!((found / expected - 1.0).abs() < 1e-6, "p {p} dof {dof}: {found} {expected}");
+            }
+        }
+    }
+
+    fn pixel(batches: &[f64]) -> Moments {
+        batches.iter().fold(Moments::default(), |sum, &v| sum.merge(Moments::batch(16, [v; 3])))
+    }
+
+    fn rule() -> Rule {
+        Rule::new(0.05, 0.95, 4096, 16)
+    }
+
+    #[test]
+    fn zero_variance_is_not_convergence_unless_it_is_known() {
+        let black = pixel(&[0.0; 4]);
+        let verdict = rule().judge(&black, [&black]);
+        assert!(!verdict.met && verdict.half_width.is_infinite());
+        assert_eq!(verdict.batches, 8);
+        let known = Moments { known: true, ..black };
+        let verdict = rule().judge(&known, [&known]);
+        assert!(verdict.met);
+        assert_eq!((verdict.batches, verdict.half_width), (4, 0.0));
+    }
+
+    #[test]
+    fn a_pixel_that_missed_an_event_learns_of_it_from_its_neighbour() {
+        let (quiet, lit) = (pixel(&[1.0, 1.001, 1.0, 0.999]), pixel(&[1.0, 9.0, 1.0, 1.0]));
+        assert!(rule().judge(&quiet, [&quiet]).met);
+        assert!(!rule().judge(&quiet, [&quiet, &lit]).met);
+        // And a noisy pixel is not talked out of its noise by quiet ones.
+        let around: Vec<&Moments> = std::iter::once(&lit).chain(std::iter::repeat_n(&quiet, 8)).collect();
+        let alone = rule().judge(&lit, [&lit]).half_width;
+        assert!(rule().judge(&lit, around).half_width >= alone);
+    }
+
+    #[test]
+    fn the_prediction_is_the_square_of_the_ratio_with_slack_and_bounded_growth() {
+        let values: Vec<f64> = (0..64).map(|i| if i % 2 == 0 { 0.8 } else { 1.2 }).collect();
+        let own = pixel(&values);
+        let verdict = rule().judge(&own, [&own]);
+        let expected = (64.0 * (verdict.relative / 0.05).powi(2) * SLACK).ceil();
+        assert!(!verdict.met && expected < 128.0, "{verdict:?}");
+        assert_eq!(f64::from(verdict.batches), expected);
+        let noisy = pixel(&[0.0, 9.0, 0.0, 0.0]);
+        assert_eq!(rule().judge(&noisy, [&noisy]).batches, 8, "never more than doubled");
+        let capped = Rule::new(0.05, 0.95, 80, 16);
+        assert_eq!(capped.judge(&noisy, [&noisy]).batches, 5);
+    }
+
+    #[test]
+    fn one_batch_knows_nothing() {
+        let own = pixel(&[1.0]);
+        let verdict = rule().judge(&own, [&own]);
+        assert!(!verdict.met && verdict.half_width.is_infinite());
+        assert_eq!(verdict.batches, 2);
+    }
+}
