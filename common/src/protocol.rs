@@ -318,6 +318,10 @@ pub struct JobStatistics {
     pub clamped: f64,
     /// Processor seconds of all workers.
     pub cpu_seconds: f64,
+    /// Seconds to fetch and decode the scene, summed over workers and frames.
+    pub load_seconds: f64,
+    /// Seconds to build its acceleration structure, summed likewise.
+    pub build_seconds: f64,
     /// Leases given back, failed or lost and tried again, in units.
     pub retries: u64,
     /// Workers that handed in a result.

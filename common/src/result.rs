@@ -12,7 +12,7 @@ use crate::{
 /// Begins every result.
 const MAGIC: [u8; 4] = *b"TSR1";
 const HEADER: usize = 4 + 4 + 16;
-const STATISTICS: usize = 8 * 8;
+const STATISTICS: usize = 10 * 8;
 const PER_PIXEL_COUNTS: u32 = 1;
 const WITH_FEATURES: u32 = 2;
 const WITH_KNOWN: u32 = 4;
@@ -36,6 +36,10 @@ pub struct UnitStatistics {
     pub cpu_seconds: f64,
     /// Time from the first to the last sample, seconds.
     pub wall_seconds: f64,
+    /// Time to fetch and decode the scene, seconds; 0 but for the first unit after it was loaded.
+    pub load_seconds: f64,
+    /// Time to build its acceleration structure, seconds; 0 likewise.
+    pub build_seconds: f64,
 }
 
 impl UnitStatistics {
@@ -49,6 +53,8 @@ impl UnitStatistics {
         self.clamped += other.clamped;
         self.cpu_seconds += other.cpu_seconds;
         self.wall_seconds += other.wall_seconds;
+        self.load_seconds += other.load_seconds;
+        self.build_seconds += other.build_seconds;
     }
 }
 
@@ -128,7 +134,7 @@ impl UnitResult {
         for n in [s.samples, s.rays, s.node_tests, s.primitive_tests, s.rejected] {
             out.extend(n.to_le_bytes());
         }
-        for x in [s.clamped, s.cpu_seconds, s.wall_seconds] {
+        for x in [s.clamped, s.cpu_seconds, s.wall_seconds, s.load_seconds, s.build_seconds] {
             out.extend(x.to_le_bytes());
         }
         out
@@ -203,6 +209,8 @@ impl UnitResult {
             clamped: input.f64()?,
             cpu_seconds: input.f64()?,
             wall_seconds: input.f64()?,
+            load_seconds: input.f64()?,
+            build_seconds: input.f64()?,
         };
         Ok(UnitResult { rect, film, statistics })
     }
@@ -271,7 +279,14 @@ mod tests {
             .collect();
         let feature = Features { albedo: [0.1, 0.2, 0.3], normal: [0.0, 1.0, 0.0], depth: 7.0 };
         let features = if features { vec![feature; rect.area()] } else { Vec::new() };
-        let statistics = UnitStatistics { samples: 9, rays: 8, cpu_seconds: 0.5, ..Default::default() };
+        let statistics = UnitStatistics {
+            samples: 9,
+            rays: 8,
+            cpu_seconds: 0.5,
+            load_seconds: 0.25,
+            build_seconds: 0.125,
+            ..Default::default()
+        };
         UnitResult { rect, film: Film { moments, features }, statistics }
     }
 
