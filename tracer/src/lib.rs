@@ -5,6 +5,7 @@
 //! and the numbers of the samples, and nothing else.
 
 pub mod math;
+pub mod sampler;
 pub mod unit;
 
 use std::collections::HashMap;

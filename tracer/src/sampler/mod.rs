@@ -1,0 +1,106 @@
+//! Sample points: which numbers in 0..1 a sample of a pixel is made of. Knows nothing of scenes.
+//!
+//! A value is a pure function of (seed, frame, pixel, sample, dimension). Sample `s` of a pixel is point
+//! `s % batch` of batch `s / batch`; every batch is randomised by its own key, so that batch means are
+//! independent estimates, while the points inside a batch are spread evenly.
+//!
+//! A *dimension* is the number of a decision in the path (the point in the pixel, the light of the third
+//! hit, ...), fixed by the integrator whatever branches a path takes. A dimension yields one number or a
+//! pair.
+
+mod hash;
+mod permute;
+mod sobol;
+mod stratified;
+
+use common::method;
+
+use crate::math::Vec2;
+use permute::permute;
+
+/// A source of sample points for one image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sampler {
+    kind: method::Sampler,
+    seed: u64,
+    frame: u32,
+    batch: u32,
+    strata: stratified::Strata,
+}
+
+/// All dimensions of one sample of one pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct Stream {
+    kind: method::Sampler,
+    /// Hash of seed, frame, pixel and batch.
+    key: u64,
+    /// Index of the point in its batch.
+    index: u32,
+    batch: u32,
+    strata: stratified::Strata,
+}
+
+impl Sampler {
+    /// Points of `kind` in batches of `batch` (at least 1).
+    #[must_use]
+    pub fn new(kind: method::Sampler, seed: u64, frame: u32, batch: u32) -> Self {
+        let batch = batch.max(1);
+        Self { kind, seed, frame, batch, strata: stratified::Strata::new(batch) }
+    }
+
+    /// Points of a batch.
+    #[must_use]
+    pub fn batch(&self) -> u32 {
+        self.batch
+    }
+
+    /// Sample `sample` of the pixel at column `x`, row `y`.
+    #[inline]
+    #[must_use]
+    pub fn stream(&self, x: u32, y: u32, sample: u32) -> Stream {
+        let pixel = u64::from(x) | u64::from(y) << 32;
+        let turn = u64::from(sample / self.batch) | u64::from(self.frame) << 32;
+        let key = hash::mix(hash::mix(hash::mix(self.seed) ^ pixel) ^ turn);
+        Stream { kind: self.kind, key, index: sample % self.batch, batch: self.batch, strata: self.strata }
+    }
+}
+
+impl Stream {
+    /// The number of dimension `dimension`, 0 <= u < 1.
+    #[inline]
+    #[must_use]
+    pub fn one(&self, dimension: u32) -> f32 {
+        let seed = hash::dimension(self.key, dimension);
+        match self.kind {
+            method::Sampler::Sobol => sobol::one(permute(self.index, self.batch, seed as u32), seed),
+            method::Sampler::Stratified => self.strata.one(self.index, seed),
+            method::Sampler::Independent => hash::unit(hash::mix(seed ^ u64::from(self.index)) as u32),
+        }
+    }
+
+    /// The pair of dimension `dimension`, each 0 <= u < 1.
+    #[inline]
+    #[must_use]
+    pub fn two(&self, dimension: u32) -> Vec2 {
+        let seed = hash::dimension(self.key, dimension);
+        match self.kind {
+            method::Sampler::Sobol => sobol::two(permute(self.index, self.batch, seed as u32), seed),
+            method::Sampler::Stratified => self.strata.two(self.index, seed),
+            method::Sampler::Independent => {
+                let bits = hash::mix(seed ^ u64::from(self.index));
+                Vec2::new(hash::unit(bits as u32), hash::unit((bits >> 32) as u32))
+            }
+        }
+    }
+
+    /// The same point of another set: sample `k` of several that one decision takes (`light_samples`). Sets
+    /// are independent of each other.
+    #[inline]
+    #[must_use]
+    pub fn split(&self, k: u32) -> Stream {
+        Stream { key: hash::mix(self.key ^ u64::from(k).wrapping_mul(0x9E37_79B9_7F4A_7C15)), ..*self }
+    }
+}
+
+#[cfg(test)]
+mod tests;
