@@ -4,9 +4,13 @@
 //! formats, or how many machines there are. A pixel's samples are a function of the scene, the settings,
 //! and the numbers of the samples, and nothing else.
 
+pub mod bsdf;
 pub mod camera;
+pub mod fresnel;
+pub mod material;
 pub mod math;
 pub mod sampler;
+pub mod texture;
 pub mod unit;
 
 use std::collections::HashMap;
