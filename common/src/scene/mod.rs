@@ -18,12 +18,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use animation::{Animation, CameraKey, TransformKey};
-pub use light::{Environment, Light};
+pub use light::{Constant, Directional, Environment, EnvironmentImage, Light, Point, Spot};
 pub use material::{
-    Image, Material, MaterialKind, Metal, NormalMap, Roughness, Texture, TextureKind, UvTransform, Wrap,
+    BlinnMicrofacet, BlinnPhong, Checkerboard, Conductor, Dielectric, Diffuse, Image, Material, MaterialKind, Metal,
+    MetallicRoughness, Mirror, NormalMap, Phong, Plastic, Roughness, Texture, TextureKind, UvTransform, Wrap,
 };
 pub use parse::{SceneError, nested};
-pub use shape::{Emission, MeshSource, Normals, Shape, ShapeKind};
+pub use shape::{Disk, Emission, Instance, Mesh, MeshSource, Normals, Quad, Shape, ShapeKind, Sphere};
 pub use transform::{Rotate, Step, Transform};
 
 use crate::{
