@@ -10,6 +10,8 @@ pub mod fresnel;
 pub mod material;
 pub mod math;
 pub mod sampler;
+#[cfg(test)]
+mod testing;
 pub mod texture;
 pub mod unit;
 
