@@ -1,0 +1,268 @@
+//! Scenes made ready to render: fetched, decoded, built, and kept for the next lease.
+
+use std::{
+    collections::{BTreeMap, BTreeSet, HashSet},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Instant,
+};
+
+use bytes::Bytes;
+use common::{
+    hash::AssetHash,
+    mesh::MeshPart,
+    protocol::RenderSettings,
+    scene::{Image, MeshSource, SceneFile, ShapeKind, Texture, TextureKind},
+};
+use futures::{StreamExt, TryStreamExt, stream};
+use tokio::sync::OnceCell;
+use tracer::{Assets, Loaded, Prepared};
+
+use crate::{assets::AssetSource, picture, pool::Pool};
+
+/// Scenes kept ready to render.
+const KEPT: usize = 4;
+/// Scenes whose decoded files are kept, for their next frame.
+const KEPT_FILES: usize = 2;
+/// Files fetched at a time.
+const FETCHES: usize = 8;
+
+/// A scene ready to render, and what that cost.
+#[derive(Debug)]
+pub struct ReadyScene {
+    /// The tracer's form of it.
+    pub prepared: Prepared,
+    /// Seconds to fetch and decode it.
+    pub load: Cost,
+    /// Seconds to build its acceleration structure.
+    pub build: Cost,
+}
+
+/// Seconds that are charged to whoever asks first, and to nobody else.
+#[derive(Debug)]
+pub struct Cost {
+    seconds: f64,
+    charged: AtomicBool,
+}
+
+impl Cost {
+    fn new(seconds: f64) -> Self {
+        Self { seconds, charged: AtomicBool::new(false) }
+    }
+
+    /// The seconds, the first time; 0 from then on.
+    pub fn charge(&self) -> f64 {
+        if self.charged.swap(true, Ordering::Relaxed) { 0.0 } else { self.seconds }
+    }
+}
+
+/// All that a prepared scene depends on.
+#[derive(Debug, Clone, PartialEq)]
+struct Key {
+    scene: AssetHash,
+    frame: u32,
+    resolution: [u32; 2],
+    method: common::method::Method,
+}
+
+/// A scene file with its decoded files.
+#[derive(Debug)]
+struct Decoded {
+    scene: SceneFile,
+    assets: Assets,
+    load: Cost,
+}
+
+/// The scenes of a worker, most recently used last.
+#[derive(Debug)]
+pub struct Scenes {
+    source: AssetSource,
+    pool: Pool,
+    ready: Recent<Key, ReadyScene>,
+    decoded: Recent<AssetHash, Decoded>,
+    warned: Mutex<HashSet<String>>,
+}
+
+impl Scenes {
+    /// No scenes yet.
+    #[must_use]
+    pub fn new(source: AssetSource, pool: Pool) -> Self {
+        Self { source, pool, ready: Recent::new(KEPT), decoded: Recent::new(KEPT_FILES), warned: Mutex::default() }
+    }
+
+    /// Scenes and frames that are ready.
+    #[must_use]
+    pub fn prepared(&self) -> Vec<(AssetHash, u32)> {
+        let frames: BTreeSet<_> = self.ready.present().into_iter().map(|key| (key.scene, key.frame)).collect();
+        frames.into_iter().collect()
+    }
+
+    /// The scene with this hash, ready for units with these settings. Asked for twice at once, it is
+    /// prepared once. Waits while the coordinator is away.
+    ///
+    /// # Errors
+    /// One sentence: a file that cannot be had or read, or a part of the scene that cannot be rendered.
+    pub async fn get(&self, scene: AssetHash, settings: &RenderSettings) -> Result<Arc<ReadyScene>, String> {
+        let RenderSettings { frame, resolution, ref method, .. } = *settings;
+        let key = Key { scene, frame, resolution, method: method.clone() };
+        let cell = self.ready.cell(&key);
+        cell.get_or_try_init(|| self.prepare(key)).await.cloned()
+    }
+
+    async fn prepare(&self, key: Key) -> Result<Arc<ReadyScene>, String> {
+        let cell = self.decoded.cell(&key.scene);
+        let decoded = Arc::clone(cell.get_or_try_init(|| self.decode(key.scene)).await?);
+        let prepare = move || {
+            let start = Instant::now();
+            let scene = decoded.scene.at_frame(key.frame);
+            let loaded = Loaded::new(&scene, &decoded.assets, &key.method, key.resolution);
+            let loaded = loaded.map_err(|error| error.to_string())?;
+            let warnings = loaded.warnings().to_vec();
+            let load = Cost::new(decoded.load.charge() + start.elapsed().as_secs_f64());
+            let start = Instant::now();
+            let prepared = loaded.build();
+            let build = Cost::new(start.elapsed().as_secs_f64());
+            Ok((ReadyScene { prepared, load, build }, warnings))
+        };
+        let (ready, warnings) = self.pool.run(prepare).await.flatten()?;
+        self.warn(warnings);
+        Ok(Arc::new(ready))
+    }
+
+    async fn decode(&self, hash: AssetHash) -> Result<Arc<Decoded>, String> {
+        let start = Instant::now();
+        let text = self.source.get(hash).await.map_err(|error| error.to_string())?;
+        let scene = SceneFile::parse(&text).map_err(|error| format!("scene {hash}: {error}"))?;
+        let files: BTreeMap<String, Bytes> = stream::iter(scene.assets.clone())
+            .map(async |(path, hash)| match self.source.get(hash).await {
+                Ok(bytes) => Ok((path, bytes)),
+                Err(error) => Err(format!("{path}: {error}")),
+            })
+            .buffer_unordered(FETCHES)
+            .try_collect()
+            .await?;
+        let fetched = start.elapsed();
+        let decode = move || {
+            let start = Instant::now();
+            let (assets, warnings) = decode_files(&scene, &files)?;
+            let load = Cost::new((fetched + start.elapsed()).as_secs_f64());
+            Ok((Decoded { scene, assets, load }, warnings))
+        };
+        let (decoded, warnings) = self.pool.run(decode).await.flatten()?;
+        self.warn(warnings);
+        Ok(Arc::new(decoded))
+    }
+
+    /// Log each warning once in the life of the worker, not once a frame.
+    fn warn(&self, warnings: Vec<String>) {
+        let mut warned = self.warned.lock().unwrap_or_else(PoisonError::into_inner);
+        for warning in warnings {
+            if warned.insert(warning.clone()) {
+                tracing::warn!("{warning}");
+            }
+        }
+    }
+}
+
+/// Decode what the scene names: meshes first, then the pictures of the scene and of the meshes' own
+/// materials.
+///
+/// # Errors
+/// One sentence that names the file.
+pub fn decode_files(scene: &SceneFile, files: &BTreeMap<String, Bytes>) -> Result<(Assets, Vec<String>), String> {
+    let mut assets = Assets::default();
+    let mut warnings = Vec::new();
+    let find = |path: &str| files.get(path).ok_or_else(|| format!("{path}: not among the files of the scene"));
+    for path in mesh_files(scene) {
+        let mut resolve = |path: &str| files.get(path).map(|bytes| bytes.to_vec());
+        let imported = import::mesh(path, find(path)?, &mut resolve).map_err(|error| error.to_string())?;
+        warnings.extend(imported.warnings);
+        assets.meshes.insert(path.to_string(), imported.parts);
+    }
+    let own = scene.files().into_iter().map(|(_, path)| path).filter(|path| !assets.meshes.contains_key(path));
+    let theirs = assets.meshes.values().flatten().flat_map(pictures_of);
+    let pictures: BTreeSet<String> = own.chain(theirs).collect();
+    for path in pictures {
+        let picture = picture::decode(&path, find(&path)?)?;
+        assets.pictures.insert(path, picture);
+    }
+    Ok((assets, warnings))
+}
+
+fn mesh_files(scene: &SceneFile) -> BTreeSet<&str> {
+    let shapes = scene.objects.values().flatten().chain(&scene.shapes);
+    shapes
+        .filter_map(|shape| match &shape.kind {
+            ShapeKind::Mesh(mesh) => match &mesh.source {
+                MeshSource::File { file } => Some(file.as_str()),
+                MeshSource::Inline { .. } => None,
+            },
+            _ => None,
+        })
+        .collect()
+}
+
+fn pictures_of(part: &MeshPart) -> Vec<String> {
+    let Some(material) = &part.material else { return Vec::new() };
+    let textures = material.textures().into_iter().filter_map(|(_, texture)| match texture {
+        Texture::Mapped(kind) => match kind.as_ref() {
+            TextureKind::Image(Image { file, .. }) => Some(file.clone()),
+            TextureKind::Checkerboard(_) => None,
+        },
+        Texture::Constant(_) => None,
+    });
+    textures.chain(material.normal_map.as_ref().map(|map| map.file.clone())).collect()
+}
+
+/// A few values that are dear to make, by key; the least recently used goes first.
+#[derive(Debug)]
+struct Recent<K, V> {
+    most: usize,
+    cells: Mutex<Vec<(K, Cell<V>)>>,
+}
+
+type Cell<V> = Arc<OnceCell<Arc<V>>>;
+
+impl<K: Clone + PartialEq, V> Recent<K, V> {
+    fn new(most: usize) -> Self {
+        Self { most, cells: Mutex::default() }
+    }
+
+    /// The place of a value, which whoever comes first fills.
+    fn cell(&self, key: &K) -> Cell<V> {
+        let mut cells = self.cells.lock().unwrap_or_else(PoisonError::into_inner);
+        let entry = match cells.iter().position(|(other, _)| other == key) {
+            Some(index) => cells.remove(index),
+            None => (key.clone(), Cell::default()),
+        };
+        let cell = Arc::clone(&entry.1);
+        cells.push(entry);
+        if cells.len() > self.most {
+            cells.remove(0);
+        }
+        cell
+    }
+
+    fn present(&self) -> Vec<K> {
+        let cells = self.cells.lock().unwrap_or_else(PoisonError::into_inner);
+        cells.iter().filter(|(_, cell)| cell.initialized()).map(|(key, _)| key.clone()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_recently_used_goes_first() {
+        let recent: Recent<u32, u32> = Recent::new(2);
+        for key in [1, 2] {
+            recent.cell(&key).set(Arc::new(key)).unwrap();
+        }
+        assert!(recent.cell(&1).initialized());
+        assert!(!recent.cell(&3).initialized());
+        assert_eq!(recent.present(), [1], "2 went, 3 is not there yet");
+    }
+}
