@@ -2,7 +2,11 @@
 //!
 //! Cosines are of the angle between a direction and the normal on its own side, 0 to 1.
 
+pub mod metals;
+
 use common::method::Fresnel;
+
+use crate::math::{Rgb, Vec3};
 
 /// How a dielectric boundary splits unpolarised light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,6 +83,65 @@ pub fn split(method: Fresnel, cos_i: f32, eta: f32) -> Split {
     }
 }
 
+/// Fresnel's equations for unpolarised light that meets, from a medium of index 1, one of the complex
+/// index `eta + i k`.
+#[inline]
+#[must_use]
+pub fn conductor(cos_i: f32, eta: f32, k: f32) -> f32 {
+    let cos2 = cos_i * cos_i;
+    let sin2 = (1.0 - cos2).max(0.0);
+    // sqrt((eta + i k)^2 - sin^2) = a + i b.
+    let re = (eta - k) * (eta + k) - sin2;
+    let modulus = (re * re + 4.0 * eta * eta * k * k).sqrt();
+    // Of the two roots (modulus +- re) / 2 one cancels; a b = eta k gives it from the other.
+    let a = if re >= 0.0 {
+        (0.5 * (modulus + re)).sqrt()
+    } else {
+        let b = (0.5 * (modulus - re)).sqrt();
+        if b > 0.0 { eta * k / b } else { 0.0 }
+    };
+    let twice = 2.0 * a * cos_i;
+    let perpendicular = ratio(modulus + cos2 - twice, modulus + cos2 + twice);
+    let (p, q) = (cos2 * modulus + sin2 * sin2, twice * sin2);
+    let parallel = perpendicular * ratio(p - q, p + q);
+    (0.5 * (perpendicular + parallel)).clamp(0.0, 1.0)
+}
+
+/// a / b, 1 where both vanish: light that only grazes is reflected.
+#[inline]
+fn ratio(a: f32, b: f32) -> f32 {
+    if b > 0.0 { a / b } else { 1.0 }
+}
+
+/// A complex index of refraction per channel, relative to the medium outside.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ComplexIndex {
+    /// Real part.
+    pub eta: Vec3,
+    /// Imaginary part.
+    pub k: Vec3,
+}
+
+impl ComplexIndex {
+    /// Exact reflectance per channel.
+    #[inline]
+    #[must_use]
+    pub fn reflectance(&self, cos_i: f32) -> Rgb {
+        Rgb::new(
+            conductor(cos_i, self.eta.x, self.k.x),
+            conductor(cos_i, self.eta.y, self.k.y),
+            conductor(cos_i, self.eta.z, self.k.z),
+        )
+    }
+}
+
+/// Schlick's approximation per channel.
+#[inline]
+#[must_use]
+pub fn schlick_rgb(f0: Rgb, cos_i: f32) -> Rgb {
+    f0 + (Rgb::ONE - f0) * schlick_weight(cos_i)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -138,5 +201,56 @@ mod tests {
         for cos_i in [1.0, 0.1, 1e-3, 1e-5, 1e-10] {
             assert_eq!(dielectric(cos_i, 1.0), Split { reflected: 0.0, cos_t: cos_i });
         }
+    }
+
+    #[test]
+    fn a_metal_without_absorption_is_a_dielectric() {
+        for eta in [0.6f32, 1.0, 1.5, 3.0] {
+            for i in 0..=200 {
+                let cos = i as f32 / 200.0;
+                let (metal, glass) = (conductor(cos, eta, 0.0), dielectric(cos, eta).reflected);
+                let bound = if (eta - 1.0).abs() < 1e-6 && cos < 0.1 { 1.0 } else { 2e-3 };
+                assert!((metal - glass).abs() < bound, "{eta} {cos}: {metal} {glass}");
+            }
+        }
+    }
+
+    #[test]
+    fn metals_agree_with_complex_arithmetic_in_f64() {
+        for (eta, k) in [(0.05f32, 3.6f32), (0.13, 4.1), (1.5, 7.6), (3.2, 3.3), (10.0, 0.01), (1e-3, 20.0)] {
+            for i in 0..=200 {
+                let cos = f64::from(i) / 200.0;
+                // w = sqrt(n^2 - sin^2) with n = eta + i k.
+                let (e, m) = (f64::from(eta), f64::from(k));
+                let n2 = (e * e - m * m, 2.0 * e * m);
+                let (re, im) = (n2.0 - 1.0 + cos * cos, n2.1);
+                let r = re.hypot(im);
+                let w = ((0.5 * (r + re)).max(0.0).sqrt(), (0.5 * (r - re)).max(0.0).sqrt());
+                let square = |re: f64, im: f64| re * re + im * im;
+                let s = square(cos - w.0, w.1) / square(cos + w.0, w.1);
+                let p = square(n2.0 * cos - w.0, n2.1 * cos - w.1) / square(n2.0 * cos + w.0, n2.1 * cos + w.1);
+                let found = f64::from(conductor(cos as f32, eta, k));
+                assert!((found - 0.5 * (s + p)).abs() < 3e-6, "{eta} {k} {cos}: {found} {}", 0.5 * (s + p));
+            }
+        }
+    }
+
+    #[test]
+    fn schlick_fails_where_it_is_known_to() {
+        let worst = |eta: f32| {
+            let error = |i: i32| {
+                let cos = i as f32 / 100_000.0;
+                // The raw form, without the total reflection that a path tracer adds to it.
+                (schlick(normal_reflectance(eta), cos) - dielectric(cos, eta).reflected).abs()
+            };
+            (0..=100_000).map(error).fold(0.0, f32::max)
+        };
+        assert!((worst(1.5) - 0.036).abs() < 1e-3, "{}", worst(1.5));
+        assert!((worst(1.0 / 1.5) - 0.96).abs() < 2e-3, "{}", worst(1.0 / 1.5));
+        let relative = (0..=1000)
+            .map(|i| i as f32 / 1000.0)
+            .map(|cos| (schlick(0.04, cos) / dielectric(cos, 1.5).reflected - 1.0).abs())
+            .fold(0.0, f32::max);
+        assert!((relative - 0.23).abs() < 0.01, "{relative}");
     }
 }

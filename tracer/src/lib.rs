@@ -10,6 +10,7 @@ pub mod fresnel;
 pub mod light;
 pub mod material;
 pub mod math;
+pub mod microfacet;
 pub mod sampler;
 #[cfg(test)]
 mod testing;

@@ -7,9 +7,15 @@ use common::{
 };
 
 use crate::{
-    bsdf::{Bsdf, Diffuse, Lobes, Mirror, SmoothDielectric},
+    bsdf::{
+        BlinnMicrofacet, BlinnPhong, Bsdf, Diffuse, GREATEST_EXPONENT, Lobes, Metal, MetallicRoughness, Mirror, Phong,
+        Plastic, PlasticCoat, Reflectivity, RoughConductor, RoughDielectric, SmoothConductor, SmoothDielectric,
+        SplitSum,
+    },
+    fresnel::{ComplexIndex, metals, normal_reflectance},
     math::{Frame, Rgb, Vec2, Vec3},
-    texture::{Pictures, Texture},
+    microfacet::Ggx,
+    texture::{Pictures, Texture, rgb},
 };
 
 /// A material of a scene, ready to be asked at any point.
@@ -25,7 +31,13 @@ pub struct Material {
 enum Kind {
     Diffuse { reflectance: Texture },
     Mirror { reflectance: Texture },
-    Dielectric { eta: f32, reflectance: Texture, transmittance: Texture, fresnel: Fresnel },
+    Dielectric { eta: f32, ggx: Option<Ggx>, reflectance: Texture, transmittance: Texture, fresnel: Fresnel },
+    Conductor { reflectivity: Reflectivity, ggx: Option<Ggx>, tint: Texture },
+    Plastic { reflectance: Texture, coat: Box<PlasticCoat> },
+    Phong { reflectance: Texture, exponent: f32 },
+    BlinnPhong { reflectance: Texture, exponent: f32 },
+    BlinnMicrofacet { reflectance: Texture, exponent: f32 },
+    MetallicRoughness { base_color: Texture, metallic: Texture, roughness: Texture, f0: f32, tables: &'static SplitSum },
 }
 
 #[derive(Debug, Clone)]
@@ -50,13 +62,55 @@ impl Material {
         let kind = match &material.kind {
             MaterialKind::Diffuse(m) => Kind::Diffuse { reflectance: texture("reflectance", &m.reflectance)? },
             MaterialKind::Mirror(m) => Kind::Mirror { reflectance: texture("reflectance", &m.reflectance)? },
-            MaterialKind::Dielectric(m) => Kind::Dielectric {
-                eta: (m.ior / m.exterior_ior) as f32,
+            MaterialKind::Dielectric(m) => {
+                let eta = (m.ior / m.exterior_ior) as f32;
+                Kind::Dielectric {
+                    eta,
+                    ggx: RoughDielectric::facets(alphas(m.roughness), eta),
+                    reflectance: texture("reflectance", &m.reflectance)?,
+                    transmittance: texture("transmittance", &m.transmittance)?,
+                    fresnel,
+                }
+            }
+            MaterialKind::Conductor(m) => {
+                let index = match (m.metal, m.eta, m.k) {
+                    (Some(metal), _, _) => Some(metals::index(metal)),
+                    (None, Some(eta), Some(k)) => Some(ComplexIndex { eta: rgb(&eta), k: rgb(&k) }),
+                    _ => None,
+                };
+                let [alpha_u, alpha_v] = alphas(m.roughness);
+                Kind::Conductor {
+                    reflectivity: match (index, fresnel) {
+                        (None, _) => Reflectivity::Constant,
+                        (Some(index), Fresnel::Exact) => Reflectivity::Exact(index),
+                        (Some(index), Fresnel::Schlick) => Reflectivity::Schlick(index.reflectance(1.0)),
+                    },
+                    ggx: Ggx::new(alpha_u, alpha_v),
+                    tint: texture("reflectance", &m.reflectance)?,
+                }
+            }
+            MaterialKind::Plastic(m) => Kind::Plastic {
                 reflectance: texture("reflectance", &m.reflectance)?,
-                transmittance: texture("transmittance", &m.transmittance)?,
-                fresnel,
+                coat: Box::new(PlasticCoat::new(m.ior as f32, alphas(m.roughness), fresnel)),
             },
-            _ => return Err(FieldError::new(format!("{path}.type"), "this material cannot be rendered yet")),
+            MaterialKind::Phong(m) => {
+                Kind::Phong { reflectance: texture("reflectance", &m.reflectance)?, exponent: exponent(m.exponent) }
+            }
+            MaterialKind::BlinnPhong(m) => Kind::BlinnPhong {
+                reflectance: texture("reflectance", &m.reflectance)?,
+                exponent: exponent(m.exponent),
+            },
+            MaterialKind::BlinnMicrofacet(m) => Kind::BlinnMicrofacet {
+                reflectance: texture("reflectance", &m.reflectance)?,
+                exponent: exponent(m.exponent),
+            },
+            MaterialKind::MetallicRoughness(m) => Kind::MetallicRoughness {
+                base_color: texture("base_color", &m.base_color)?,
+                metallic: texture("metallic", &m.metallic)?,
+                roughness: texture("roughness", &m.roughness)?,
+                f0: normal_reflectance(m.ior as f32),
+                tables: SplitSum::get(),
+            },
         };
         let opacity = material.opacity.as_ref().map(|value| texture("opacity", value)).transpose()?;
         let normal_map = material.normal_map.as_ref().map(|map| {
@@ -73,12 +127,45 @@ impl Material {
         let lobes = match &self.kind {
             Kind::Diffuse { reflectance } => Lobes::Diffuse(Diffuse { reflectance: reflectance.share_at(uv) }),
             Kind::Mirror { reflectance } => Lobes::Mirror(Mirror { reflectance: reflectance.share_at(uv) }),
-            Kind::Dielectric { eta, reflectance, transmittance, fresnel } => {
-                Lobes::SmoothDielectric(SmoothDielectric {
-                    eta: *eta,
-                    reflectance: reflectance.share_at(uv),
-                    transmittance: transmittance.share_at(uv),
-                    fresnel: *fresnel,
+            Kind::Dielectric { eta, ggx, reflectance, transmittance, fresnel } => {
+                let (reflectance, transmittance) = (reflectance.share_at(uv), transmittance.share_at(uv));
+                let (eta, fresnel) = (*eta, *fresnel);
+                match *ggx {
+                    None => Lobes::SmoothDielectric(SmoothDielectric { eta, reflectance, transmittance, fresnel }),
+                    Some(ggx) => {
+                        Lobes::RoughDielectric(RoughDielectric { eta, reflectance, transmittance, fresnel, ggx })
+                    }
+                }
+            }
+            Kind::Conductor { reflectivity, ggx, tint } => {
+                let metal = Metal { reflectivity: *reflectivity, tint: tint.share_at(uv) };
+                match *ggx {
+                    None => Lobes::SmoothConductor(SmoothConductor { metal }),
+                    Some(ggx) => Lobes::RoughConductor(RoughConductor { metal, ggx }),
+                }
+            }
+            Kind::Plastic { reflectance, coat } => {
+                Lobes::Plastic(Plastic { reflectance: reflectance.share_at(uv), coat: **coat })
+            }
+            Kind::Phong { reflectance, exponent } => {
+                Lobes::Phong(Phong { reflectance: reflectance.share_at(uv), exponent: *exponent })
+            }
+            Kind::BlinnPhong { reflectance, exponent } => {
+                Lobes::BlinnPhong(BlinnPhong::new(reflectance.share_at(uv), *exponent))
+            }
+            Kind::BlinnMicrofacet { reflectance, exponent } => {
+                Lobes::BlinnMicrofacet(BlinnMicrofacet { reflectance: reflectance.share_at(uv), exponent: *exponent })
+            }
+            Kind::MetallicRoughness { base_color, metallic, roughness, f0, tables } => {
+                let base = base_color.share_at(uv);
+                let metallic = metallic.share_at(uv).z;
+                let roughness = roughness.share_at(uv).y;
+                let alpha = roughness * roughness;
+                Lobes::MetallicRoughness(MetallicRoughness {
+                    f0: Rgb::splat(*f0) * (1.0 - metallic) + base * metallic,
+                    diffuse: base * (1.0 - metallic),
+                    ggx: Ggx::new(alpha, alpha),
+                    coat: tables.coat(roughness, *f0),
                 })
             }
         };
@@ -136,4 +223,12 @@ impl Material {
         }
         Frame::from_normal_tangent(n / length, frame.t)
     }
+}
+
+fn alphas(roughness: scene::Roughness) -> [f32; 2] {
+    roughness.alphas().map(|alpha| alpha as f32)
+}
+
+fn exponent(value: f64) -> f32 {
+    (value as f32).min(GREATEST_EXPONENT)
 }

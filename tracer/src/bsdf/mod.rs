@@ -4,11 +4,21 @@
 //! surface: `wo` to where the path comes from, `wi` to where it goes on. Radiance travels from `wi` to
 //! `wo`. The module knows nothing of textures, geometry or lights.
 
+mod coat;
+mod conductor;
 mod dielectric;
 mod diffuse;
+mod phong;
+mod plastic;
+mod rough_dielectric;
 
+pub use coat::{SchlickCoat, SplitSum, Transmittance};
+pub use conductor::{Metal, Reflectivity, RoughConductor, SmoothConductor};
 pub use dielectric::SmoothDielectric;
 pub use diffuse::{Diffuse, Mirror};
+pub use phong::{BlinnMicrofacet, BlinnPhong, GREATEST_EXPONENT, Phong};
+pub use plastic::{MetallicRoughness, Plastic, PlasticCoat};
+pub use rough_dielectric::RoughDielectric;
 
 use crate::math::{Rgb, Vec2, Vec3};
 
@@ -80,6 +90,22 @@ pub enum Lobes {
     Mirror(Mirror),
     /// A smooth boundary between two transparent media.
     SmoothDielectric(SmoothDielectric),
+    /// A rough one.
+    RoughDielectric(RoughDielectric),
+    /// A smooth metal.
+    SmoothConductor(SmoothConductor),
+    /// A rough metal.
+    RoughConductor(RoughConductor),
+    /// A diffuse base under a dielectric coat.
+    Plastic(Plastic),
+    /// Phong's lobe.
+    Phong(Phong),
+    /// Blinn and Phong's lobe.
+    BlinnPhong(BlinnPhong),
+    /// Blinn's distribution of facets.
+    BlinnMicrofacet(BlinnMicrofacet),
+    /// glTF's model.
+    MetallicRoughness(MetallicRoughness),
 }
 
 impl Bsdf {
@@ -105,15 +131,21 @@ impl Bsdf {
     #[inline]
     #[must_use]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> Eval {
+        if let Lobes::RoughDielectric(lobe) = &self.lobes {
+            return lobe.evaluate(wo, wi);
+        }
+        let Some((wo, wi)) = self.above(wo, wi) else { return Eval::ZERO };
         match &self.lobes {
-            Lobes::SmoothDielectric(_) => Eval::ZERO,
-            lobes => match self.above(wo, wi) {
-                None => Eval::ZERO,
-                Some((_wo, wi)) => match lobes {
-                    Lobes::Diffuse(lobe) => lobe.evaluate(wi),
-                    Lobes::Mirror(_) | Lobes::SmoothDielectric(_) => Eval::ZERO,
-                },
-            },
+            Lobes::Diffuse(lobe) => lobe.evaluate(wi),
+            Lobes::RoughConductor(lobe) => lobe.evaluate(wo, wi),
+            Lobes::Plastic(lobe) => lobe.evaluate(wo, wi),
+            Lobes::Phong(lobe) => lobe.evaluate(wo, wi),
+            Lobes::BlinnPhong(lobe) => lobe.evaluate(wo, wi),
+            Lobes::BlinnMicrofacet(lobe) => lobe.evaluate(wo, wi),
+            Lobes::MetallicRoughness(lobe) => lobe.evaluate(wo, wi),
+            Lobes::Mirror(_) | Lobes::SmoothConductor(_) => Eval::ZERO,
+            // Transparent: no side is above.
+            Lobes::SmoothDielectric(_) | Lobes::RoughDielectric(_) => Eval::ZERO,
         }
     }
 
@@ -136,8 +168,10 @@ impl Bsdf {
     #[inline]
     #[must_use]
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
-        if let Lobes::SmoothDielectric(lobe) = &self.lobes {
-            return lobe.sample(wo, u_lobe);
+        match &self.lobes {
+            Lobes::SmoothDielectric(lobe) => return lobe.sample(wo, u_lobe),
+            Lobes::RoughDielectric(lobe) => return lobe.sample(wo, u_lobe, u),
+            _ => {}
         }
         let back = wo.z < 0.0;
         // Also false for a NaN.
@@ -148,7 +182,14 @@ impl Bsdf {
         let mut sample = match &self.lobes {
             Lobes::Diffuse(lobe) => lobe.sample(u),
             Lobes::Mirror(lobe) => lobe.sample(above),
-            Lobes::SmoothDielectric(_) => return None,
+            Lobes::SmoothConductor(lobe) => lobe.sample(above),
+            Lobes::RoughConductor(lobe) => lobe.sample(above, u)?,
+            Lobes::Plastic(lobe) => lobe.sample(above, u_lobe, u)?,
+            Lobes::Phong(lobe) => lobe.sample(above, u)?,
+            Lobes::BlinnPhong(lobe) => lobe.sample(above, u)?,
+            Lobes::BlinnMicrofacet(lobe) => lobe.sample(above, u)?,
+            Lobes::MetallicRoughness(lobe) => lobe.sample(above, u_lobe, u)?,
+            Lobes::SmoothDielectric(_) | Lobes::RoughDielectric(_) => return None,
         };
         if back {
             sample.wi.z = -sample.wi.z;
@@ -160,7 +201,12 @@ impl Bsdf {
     #[inline]
     #[must_use]
     pub fn is_delta(&self) -> bool {
-        matches!(self.lobes, Lobes::Mirror(_) | Lobes::SmoothDielectric(_))
+        match &self.lobes {
+            Lobes::Mirror(_) | Lobes::SmoothDielectric(_) | Lobes::SmoothConductor(_) => true,
+            Lobes::Plastic(lobe) => lobe.is_delta(),
+            Lobes::MetallicRoughness(lobe) => lobe.is_delta(),
+            _ => false,
+        }
     }
 
     /// Colour of the surface as a denoiser wants it, 0 to 1.
@@ -170,6 +216,14 @@ impl Bsdf {
             Lobes::Diffuse(lobe) => lobe.reflectance,
             Lobes::Mirror(lobe) => lobe.reflectance,
             Lobes::SmoothDielectric(lobe) => lobe.transmittance,
+            Lobes::RoughDielectric(lobe) => lobe.transmittance,
+            Lobes::SmoothConductor(lobe) => lobe.metal.reflectance(1.0),
+            Lobes::RoughConductor(lobe) => lobe.metal.reflectance(1.0),
+            Lobes::Plastic(lobe) => lobe.reflectance,
+            Lobes::Phong(lobe) => lobe.reflectance,
+            Lobes::BlinnPhong(lobe) => lobe.reflectance,
+            Lobes::BlinnMicrofacet(lobe) => lobe.reflectance,
+            Lobes::MetallicRoughness(lobe) => (lobe.f0 + lobe.diffuse).min(Rgb::ONE),
         }
     }
 }
