@@ -7,6 +7,7 @@
 pub mod bsdf;
 pub mod camera;
 pub mod fresnel;
+pub mod geometry;
 pub mod light;
 pub mod material;
 pub mod math;

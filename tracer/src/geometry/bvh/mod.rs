@@ -1,0 +1,24 @@
+//! The bounding volume hierarchy: a binary tree by the surface area heuristic ([`build`]), collapsed to
+//! eight children a node ([`wide`]), and its traversal ([`traverse`]).
+//!
+//! It knows boxes and numbers; only the traversal knows what they stand for.
+
+mod bins;
+mod build;
+pub(super) mod traverse;
+mod wide;
+
+pub(super) use build::{Kind, Ref};
+pub(super) use wide::{MAX_PRIMITIVES, Tree};
+
+/// How the tree is split.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BuildMethod {
+    /// Surface area heuristic over 16 bins on each axis (Wald 2007).
+    #[default]
+    Sah,
+    /// At the mean of the centroids along the longest axis: the textbook's.
+    MeanCentroid,
+    /// In the middle of the box, on the axis where count times area is least: the textbook's other one.
+    Midpoint,
+}

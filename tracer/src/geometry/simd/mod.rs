@@ -1,0 +1,78 @@
+//! Eight `f32` at once, for each instruction set that the traversal is compiled for.
+//!
+//! All of them do the same operations in the same order and round each one, so their results have the
+//! same bits. The value of an [`Isa`] is a proof that the processor has the instructions: that is what
+//! makes the functions on its lanes safe to call.
+
+mod portable;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+pub(super) use portable::Portable;
+#[cfg(target_arch = "x86_64")]
+pub(super) use x86::{Avx2, Sse2};
+
+/// Eight numbers, aligned for any load.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(32))]
+pub(super) struct Row(pub [f32; 8]);
+
+/// Which instructions the traversal uses. It changes the speed and nothing else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstructionSet {
+    /// 256-bit vectors.
+    Avx2,
+    /// 128-bit vectors, which every x86-64 processor has.
+    Sse2,
+    /// Plain Rust, for any processor.
+    Portable,
+}
+
+impl InstructionSet {
+    /// The fastest one that this processor has.
+    #[must_use]
+    pub fn detect() -> Self {
+        [Self::Avx2, Self::Sse2].into_iter().find(|i| i.is_available()).unwrap_or(Self::Portable)
+    }
+
+    /// Whether this processor has it.
+    #[must_use]
+    pub fn is_available(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => Avx2::new().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Sse2 => true,
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx2 | Self::Sse2 => false,
+            Self::Portable => true,
+        }
+    }
+}
+
+/// An instruction set that is there.
+pub(super) trait Isa: Copy {
+    type F: Lanes;
+    /// `x` in every lane.
+    fn splat(self, x: f32) -> Self::F;
+    fn load(self, row: &Row) -> Self::F;
+    /// Ask for `lines` cache lines from an address, which need not be valid.
+    fn prefetch(self, address: *const u8, lines: usize);
+}
+
+/// Eight numbers in registers. Masks have bit `i` for lane `i`.
+pub(super) trait Lanes: Copy {
+    fn store(self, row: &mut Row);
+    fn add(self, b: Self) -> Self;
+    fn sub(self, b: Self) -> Self;
+    fn mul(self, b: Self) -> Self;
+    fn div(self, b: Self) -> Self;
+    /// `self < b ? self : b`, so `b` where either is NaN or both are equal.
+    fn min(self, b: Self) -> Self;
+    /// `self > b ? self : b`, so `b` where either is NaN or both are equal.
+    fn max(self, b: Self) -> Self;
+    fn le(self, b: Self) -> u32;
+    fn lt(self, b: Self) -> u32;
+    /// Lanes where `self < middle` and `middle < upper`.
+    fn lt_and_gt(self, middle: Self, upper: Self) -> u32;
+}

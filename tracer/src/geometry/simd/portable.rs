@@ -1,0 +1,79 @@
+//! The lanes in plain Rust.
+
+use super::{Isa, Lanes, Row};
+
+/// Needs nothing of the processor.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Portable;
+
+/// Eight numbers.
+#[derive(Clone, Copy)]
+pub(in super::super) struct F8([f32; 8]);
+
+impl Isa for Portable {
+    type F = F8;
+    #[inline(always)]
+    fn splat(self, x: f32) -> F8 {
+        F8([x; 8])
+    }
+    #[inline(always)]
+    fn load(self, row: &Row) -> F8 {
+        F8(row.0)
+    }
+    #[inline(always)]
+    fn prefetch(self, _: *const u8, _: usize) {}
+}
+
+impl F8 {
+    #[inline(always)]
+    fn each(self, b: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        Self(std::array::from_fn(|i| f(self.0[i], b.0[i])))
+    }
+    #[inline(always)]
+    fn mask(self, b: Self, f: impl Fn(f32, f32) -> bool) -> u32 {
+        (0..8).fold(0, |m, i| m | u32::from(f(self.0[i], b.0[i])) << i)
+    }
+}
+
+impl Lanes for F8 {
+    #[inline(always)]
+    fn store(self, row: &mut Row) {
+        row.0 = self.0;
+    }
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        self.each(b, |a, b| a + b)
+    }
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        self.each(b, |a, b| a - b)
+    }
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        self.each(b, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        self.each(b, |a, b| a / b)
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        self.each(b, |a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        self.each(b, |a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
+    fn le(self, b: Self) -> u32 {
+        self.mask(b, |a, b| a <= b)
+    }
+    #[inline(always)]
+    fn lt(self, b: Self) -> u32 {
+        self.mask(b, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn lt_and_gt(self, middle: Self, upper: Self) -> u32 {
+        self.lt(middle) & middle.lt(upper)
+    }
+}

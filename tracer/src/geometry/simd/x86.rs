@@ -1,0 +1,176 @@
+//! The lanes on x86-64: one 256-bit register, or two of 128 bits.
+
+use std::arch::x86_64::*;
+
+use super::{Isa, Lanes, Row};
+
+/// The processor has AVX2 and the bit instructions that came with it. Made by [`Avx2::new`] only.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Avx2(());
+
+impl Avx2 {
+    /// None where the processor lacks it.
+    #[inline]
+    pub fn new() -> Option<Self> {
+        (is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("bmi1")
+            && is_x86_feature_detected!("bmi2")
+            && is_x86_feature_detected!("lzcnt")
+            && is_x86_feature_detected!("popcnt"))
+        .then_some(Self(()))
+    }
+}
+
+/// What every x86-64 processor has.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Sse2;
+
+/// Eight numbers in one register. Made from an [`Avx2`] only.
+#[derive(Clone, Copy)]
+pub(in super::super) struct F8(__m256);
+
+/// Eight numbers in two registers.
+#[derive(Clone, Copy)]
+pub(in super::super) struct F4x2(__m128, __m128);
+
+#[inline(always)]
+fn prefetch_lines(address: *const u8, lines: usize) {
+    for line in 0..lines {
+        // SAFETY: a prefetch of any address is allowed; it never faults.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
+    }
+}
+
+impl Isa for Avx2 {
+    type F = F8;
+    #[inline(always)]
+    fn splat(self, x: f32) -> F8 {
+        // SAFETY: `self` proves AVX2.
+        F8(unsafe { _mm256_set1_ps(x) })
+    }
+    #[inline(always)]
+    fn load(self, row: &Row) -> F8 {
+        // SAFETY: `self` proves AVX2; a row is eight numbers, aligned to 32 bytes.
+        F8(unsafe { _mm256_load_ps(row.0.as_ptr()) })
+    }
+    #[inline(always)]
+    fn prefetch(self, address: *const u8, lines: usize) {
+        prefetch_lines(address, lines);
+    }
+}
+
+/// A function of one AVX instruction on two values.
+macro_rules! avx {
+    ($($name:ident = $intrinsic:ident;)*) => {$(
+        #[inline(always)]
+        fn $name(self, b: Self) -> Self {
+            // SAFETY: an `F8` exists only where the processor has AVX2.
+            Self(unsafe { $intrinsic(self.0, b.0) })
+        }
+    )*};
+}
+
+impl Lanes for F8 {
+    avx! {
+        add = _mm256_add_ps;
+        sub = _mm256_sub_ps;
+        mul = _mm256_mul_ps;
+        div = _mm256_div_ps;
+        min = _mm256_min_ps;
+        max = _mm256_max_ps;
+    }
+    #[inline(always)]
+    fn store(self, row: &mut Row) {
+        // SAFETY: an `F8` exists only where the processor has AVX2; a row is eight numbers, aligned to 32.
+        unsafe { _mm256_store_ps(row.0.as_mut_ptr(), self.0) };
+    }
+    #[inline(always)]
+    fn le(self, b: Self) -> u32 {
+        // SAFETY: an `F8` exists only where the processor has AVX2.
+        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(self.0, b.0)) as u32 }
+    }
+    #[inline(always)]
+    fn lt(self, b: Self) -> u32 {
+        // SAFETY: an `F8` exists only where the processor has AVX2.
+        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, b.0)) as u32 }
+    }
+    #[inline(always)]
+    fn lt_and_gt(self, middle: Self, upper: Self) -> u32 {
+        // SAFETY: an `F8` exists only where the processor has AVX2.
+        unsafe {
+            let below = _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, middle.0);
+            let above = _mm256_cmp_ps::<_CMP_LT_OQ>(middle.0, upper.0);
+            _mm256_movemask_ps(_mm256_and_ps(below, above)) as u32
+        }
+    }
+}
+
+impl Isa for Sse2 {
+    type F = F4x2;
+    #[inline(always)]
+    fn splat(self, x: f32) -> F4x2 {
+        // SAFETY: SSE2 is part of x86-64, here and in the rest of this file.
+        unsafe { F4x2(_mm_set1_ps(x), _mm_set1_ps(x)) }
+    }
+    #[inline(always)]
+    fn load(self, row: &Row) -> F4x2 {
+        let p = row.0.as_ptr();
+        // SAFETY: a row is eight numbers, aligned to 32 bytes.
+        unsafe { F4x2(_mm_load_ps(p), _mm_load_ps(p.add(4))) }
+    }
+    #[inline(always)]
+    fn prefetch(self, address: *const u8, lines: usize) {
+        prefetch_lines(address, lines);
+    }
+}
+
+/// A function of one SSE instruction on two values.
+macro_rules! sse {
+    ($($name:ident = $intrinsic:ident;)*) => {$(
+        #[inline(always)]
+        fn $name(self, b: Self) -> Self {
+            // SAFETY: SSE2 is part of x86-64.
+            unsafe { Self($intrinsic(self.0, b.0), $intrinsic(self.1, b.1)) }
+        }
+    )*};
+}
+
+impl Lanes for F4x2 {
+    sse! {
+        add = _mm_add_ps;
+        sub = _mm_sub_ps;
+        mul = _mm_mul_ps;
+        div = _mm_div_ps;
+        min = _mm_min_ps;
+        max = _mm_max_ps;
+    }
+    #[inline(always)]
+    fn store(self, row: &mut Row) {
+        let p = row.0.as_mut_ptr();
+        // SAFETY: a row is eight numbers, aligned to 32 bytes.
+        unsafe {
+            _mm_store_ps(p, self.0);
+            _mm_store_ps(p.add(4), self.1);
+        }
+    }
+    #[inline(always)]
+    fn le(self, b: Self) -> u32 {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe { bits(_mm_cmple_ps(self.0, b.0), _mm_cmple_ps(self.1, b.1)) }
+    }
+    #[inline(always)]
+    fn lt(self, b: Self) -> u32 {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe { bits(_mm_cmplt_ps(self.0, b.0), _mm_cmplt_ps(self.1, b.1)) }
+    }
+    #[inline(always)]
+    fn lt_and_gt(self, middle: Self, upper: Self) -> u32 {
+        self.lt(middle) & middle.lt(upper)
+    }
+}
+
+#[inline(always)]
+fn bits(a: __m128, b: __m128) -> u32 {
+    // SAFETY: SSE2 is part of x86-64.
+    unsafe { (_mm_movemask_ps(a) | _mm_movemask_ps(b) << 4) as u32 }
+}

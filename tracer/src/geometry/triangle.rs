@@ -1,0 +1,239 @@
+//! Watertight ray/triangle test.
+//!
+//! Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (JCGT 2013): corners are moved to
+//! the ray's origin and sheared so that the ray runs along one axis; three edge functions then say on
+//! which side of the origin each projected edge passes. A corner's projection depends on the corner and
+//! the ray alone, so triangles that share an edge agree about it and no ray slips between them.
+//!
+//! Two things differ from the paper:
+//! - Whatever the `f32` edge functions do not reject is decided anew in `f64`, where the products of two
+//!   `f32` are exact. In `f32` they are only a filter: rounding is monotone, so they can be zero or
+//!   overflow, but never have the wrong sign. The parameter is a weighted mean with nearly exact weights,
+//!   so slivers and triangles of any size give the same answer as fat ones.
+//! - The parameter is held against a bound of its error, as in Pharr, Jakob and Humphreys, "Physically
+//!   Based Rendering", 4th edition, 6.8.7, but only where the triangle reaches behind the origin:
+//!   elsewhere it is positive whatever its error, and refusing it would open a hole.
+
+use glam::Vec3;
+
+use super::{
+    Ray,
+    offset::gamma,
+    simd::{Isa, Lanes, Row},
+};
+
+/// Half the distance between 1 and the next `f32`.
+const UNIT: f64 = 0.5 * f32::EPSILON as f64;
+
+/// A ray as the triangle and box tests want it. Axes are permuted so that the last one, z, is where the
+/// direction is largest.
+#[derive(Clone, Copy, Debug)]
+pub struct RayFrame {
+    /// World axis of each permuted axis.
+    pub(super) axes: [usize; 3],
+    /// Origin, permuted.
+    pub(super) origin: [f32; 3],
+    /// Direction, permuted; components that are not normal numbers are zero.
+    pub(super) direction: [f32; 3],
+    /// Reciprocals of the direction, permuted; infinite where it is zero.
+    pub(super) reciprocal: [f32; 3],
+    /// x and y moved by each step along z.
+    pub(super) shear: [f32; 2],
+}
+
+/// What a triangle answers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TriangleHit {
+    /// Ray parameter.
+    pub t: f32,
+    /// Weight of the second corner.
+    pub b1: f32,
+    /// Weight of the third corner.
+    pub b2: f32,
+}
+
+impl RayFrame {
+    /// None for a ray that can hit nothing: a direction of zero, or anything not finite.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(ray: &Ray) -> Option<Self> {
+        let flush = |x: f32| if x.abs() < f32::MIN_POSITIVE { 0.0f32.copysign(x) } else { x };
+        let o = ray.origin.to_array();
+        let d = ray.direction.to_array().map(flush);
+        let a = d.map(f32::abs);
+        let kz = if a[0] > a[1] {
+            if a[0] > a[2] { 0 } else { 2 }
+        } else if a[1] > a[2] {
+            1
+        } else {
+            2
+        };
+        let kx = if kz == 2 { 0 } else { kz + 1 };
+        let ky = if kx == 2 { 0 } else { kx + 1 };
+        // A sum is not finite as soon as one of its terms is not.
+        let sum = (a[0] + a[1] + a[2]) * 0.0 + (o[0] * 0.0 + o[1] * 0.0 + o[2] * 0.0);
+        let axes = [kx, ky, kz];
+        let direction = axes.map(|k| d[k]);
+        if sum != 0.0 || direction[2] == 0.0 {
+            return None;
+        }
+        Some(Self {
+            axes,
+            origin: axes.map(|k| o[k]),
+            direction,
+            reciprocal: direction.map(|x| 1.0 / x),
+            shear: [direction[0] / direction[2], direction[1] / direction[2]],
+        })
+    }
+
+    /// Where the ray meets a triangle, with `0 < t`; both sides count. This is the reference: every
+    /// other path must give these bits.
+    #[inline]
+    #[must_use]
+    pub fn intersect(&self, corners: [[f32; 3]; 3]) -> Option<TriangleHit> {
+        let [kx, ky, kz] = self.axes;
+        let [ox, oy, oz] = self.origin;
+        let [sx, sy] = self.shear;
+        let z = corners.map(|p| p[kz] - oz);
+        let x: [f32; 3] = std::array::from_fn(|i| (corners[i][kx] - ox) - sx * z[i]);
+        let y: [f32; 3] = std::array::from_fn(|i| (corners[i][ky] - oy) - sy * z[i]);
+        self.decide(x, y, z)
+    }
+
+    /// The exact part, on sheared `x`, `y` and moved `z`.
+    #[inline]
+    fn decide(&self, x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<TriangleHit> {
+        let [x, y, z] = [x, y, z].map(|v| v.map(f64::from));
+        // Products are exact, so each sign is that of the exact value.
+        let e0 = x[1] * y[2] - y[1] * x[2];
+        let e1 = x[2] * y[0] - y[2] * x[0];
+        let e2 = x[0] * y[1] - y[0] * x[1];
+        if (e0 < 0.0 || e1 < 0.0 || e2 < 0.0) && (e0 > 0.0 || e1 > 0.0 || e2 > 0.0) {
+            return None;
+        }
+        let det = e0 + e1 + e2;
+        // Seen edge-on, or not a number.
+        if !(det.abs() > 0.0 && det.abs() < f64::INFINITY) {
+            return None;
+        }
+        let dz = f64::from(self.direction[2]);
+        let t = (e0 * z[0] + e1 * z[1] + e2 * z[2]) / (det * dz);
+        let t32 = t as f32;
+        if !(t32 > 0.0) {
+            return None;
+        }
+        let (z_min, z_max) = (z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2]));
+        let ahead = if dz > 0.0 { z_min > 0.0 } else { z_max < 0.0 };
+        if !ahead && t * dz.abs() <= self.depth_error(x, y, z_min, z_max, det) {
+            return None;
+        }
+        Some(TriangleHit { t: t32, b1: (e1 / det) as f32, b2: (e2 / det) as f32 })
+    }
+
+    /// Bound of the error of the hit's depth along z: corners are known to within the rounding of
+    /// moving and shearing them; the rest of the sum is exact by comparison.
+    #[cold]
+    fn depth_error(&self, x: [f64; 3], y: [f64; 3], z_min: f64, z_max: f64, det: f64) -> f64 {
+        let largest = |v: [f64; 3]| v[0].abs().max(v[1].abs()).max(v[2].abs());
+        let (mx, my, mz) = (largest(x), largest(y), z_max.abs().max(z_min.abs()));
+        let g = gamma(5);
+        let dx = g * (mx + f64::from(self.shear[0]).abs() * mz);
+        let dy = g * (my + f64::from(self.shear[1]).abs() * mz);
+        let edge = 2.0 * (dx * my + dy * mx + dx * dy);
+        3.0 * edge * (z_max - z_min) / det.abs() + 2.0 * UNIT * mz
+    }
+}
+
+/// Eight triangles, a row for each coordinate of each corner: x, y, z of the first, second, third.
+/// Unused lanes repeat the first triangle.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Pack {
+    pub rows: [Row; 9],
+    /// Numbers of the triangles within their tree.
+    pub ids: [u32; 8],
+}
+
+impl Pack {
+    /// The corners of one triangle.
+    #[inline(always)]
+    pub fn corners(&self, lane: usize) -> [[f32; 3]; 3] {
+        let at = |row: usize| self.rows[row].0[lane & 7];
+        [[at(0), at(1), at(2)], [at(3), at(4), at(5)], [at(6), at(7), at(8)]]
+    }
+}
+
+/// A ray's constants in every lane.
+#[derive(Clone, Copy)]
+pub(super) struct WideFrame<I: Isa> {
+    ox: I::F,
+    oy: I::F,
+    oz: I::F,
+    sx: I::F,
+    sy: I::F,
+    rz: I::F,
+}
+
+impl<I: Isa> WideFrame<I> {
+    #[inline(always)]
+    pub fn new(isa: I, f: &RayFrame) -> Self {
+        Self {
+            ox: isa.splat(f.origin[0]),
+            oy: isa.splat(f.origin[1]),
+            oz: isa.splat(f.origin[2]),
+            sx: isa.splat(f.shear[0]),
+            sy: isa.splat(f.shear[1]),
+            rz: isa.splat(f.reciprocal[2]),
+        }
+    }
+
+    /// The lanes that [`RayFrame::intersect`] might accept with `t <= t_far`, and those that it surely
+    /// accepts with `t < t_far` (a subset). `t_far` is the end of the ray, too large by
+    /// up to 32 units in the last place.
+    #[inline(always)]
+    pub fn candidates(&self, isa: I, f: &RayFrame, pack: &Pack, t_far: I::F, any: bool) -> (u32, u32) {
+        let [kx, ky, kz] = f.axes;
+        // SAFETY: the axes are a permutation of 0..3, so every row is below 9.
+        let row = |corner: usize, axis: usize| isa.load(unsafe { pack.rows.get_unchecked(3 * corner + axis) });
+        let (z0, z1, z2) = (row(0, kz).sub(self.oz), row(1, kz).sub(self.oz), row(2, kz).sub(self.oz));
+        let x0 = row(0, kx).sub(self.ox).sub(self.sx.mul(z0));
+        let x1 = row(1, kx).sub(self.ox).sub(self.sx.mul(z1));
+        let x2 = row(2, kx).sub(self.ox).sub(self.sx.mul(z2));
+        let y0 = row(0, ky).sub(self.oy).sub(self.sy.mul(z0));
+        let y1 = row(1, ky).sub(self.oy).sub(self.sy.mul(z1));
+        let y2 = row(2, ky).sub(self.oy).sub(self.sy.mul(z2));
+        let e0 = x1.mul(y2).sub(y1.mul(x2));
+        let e1 = x2.mul(y0).sub(y2.mul(x0));
+        let e2 = x0.mul(y1).sub(y0.mul(x1));
+        let (lo, hi) = (e0.min(e1).min(e2), e0.max(e1).max(e2));
+        let zero = isa.splat(0.0);
+        // Rejected only by signs that are certain; a NaN is kept for `intersect` to look at.
+        let mut maybe = !lo.lt_and_gt(zero, hi) & 0xff;
+        if maybe == 0 {
+            return (0, 0);
+        }
+        let (t0, t1, t2) = (z0.mul(self.rz), z1.mul(self.rz), z2.mul(self.rz));
+        let (t_lo, t_hi) = (t0.min(t1).min(t2), t0.max(t1).max(t2));
+        maybe &= !(t_hi.lt(zero) | t_far.lt(t_lo)) & 0xff;
+        if !any {
+            return (maybe, 0);
+        }
+        // Both signs certain, no overflow, and all of the triangle well inside the ray's span.
+        let big = isa.splat(1e30);
+        let inside = zero.lt(lo) & hi.lt(big) | hi.lt(zero) & isa.splat(-1e30).lt(lo);
+        let shrunk = t_far.mul(isa.splat(1.0 - 64.0 * f32::EPSILON));
+        let sure = maybe & inside & isa.splat(1e-30).lt(t_lo) & t_hi.lt(shrunk);
+        (maybe, sure)
+    }
+}
+
+/// Whether a triangle can be hit at all: finite corners that are not in a line.
+#[must_use]
+pub fn is_usable(corners: [Vec3; 3]) -> bool {
+    let [a, b, c] = corners;
+    if !(a.is_finite() && b.is_finite() && c.is_finite()) {
+        return false;
+    }
+    let (u, v) = (b.as_dvec3() - a.as_dvec3(), c.as_dvec3() - a.as_dvec3());
+    u.cross(v) != glam::DVec3::ZERO
+}
