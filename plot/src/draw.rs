@@ -3,7 +3,7 @@
 use crate::axis::number;
 use crate::layout::{self, Layout, Rect, SWATCH, TEXT, TITLE, What};
 use crate::marks::{self, FAINT, FRAME, GRID, INK};
-use crate::{Chart, Guide, Series, Style};
+use crate::{Chart, Guide, Point, Series, Style};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -69,6 +69,9 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
                     Style::Line | Style::Curve | Style::Points => self.points(series, index, layout)?,
                 }
             }
+        }
+        for (index, series) in chart.series.iter().enumerate().filter(|(_, s)| s.style == Style::Bars) {
+            self.values(chart, series, index, layout)?;
         }
         self.legend(chart, layout)
     }
@@ -149,28 +152,26 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
     }
 
     fn bars(&self, chart: &Chart, series: &Series, index: usize, layout: &Layout) -> Drawn<DB> {
-        let beside: Vec<usize> =
-            chart.series.iter().enumerate().filter(|(_, s)| s.style == Style::Bars).map(|(i, _)| i).collect();
-        let place = beside.iter().position(|i| *i == index).unwrap_or(0) as f64;
-        let wide = 0.78 / beside.len() as f64;
         for point in &series.points {
-            let left = point.x - 0.39 + place * wide;
-            let Some((a, b)) = layout.x.place(left + 0.06 * wide).zip(layout.x.place(left + 0.94 * wide)) else {
-                continue;
-            };
-            if point.y.is_nan() {
-                continue;
-            }
-            let foot = if layout.y.log { layout.plot.bottom } else { layout.height(0.0) };
-            let head = layout.height(point.y);
-            let area =
-                Rect { left: layout.across(a), right: layout.across(b), top: head.min(foot), bottom: head.max(foot) };
+            let Some(area) = bar_area(chart, point, index, layout) else { continue };
             self.bar(&area, index)?;
-            let middle = 0.5 * (area.left + area.right);
             if let Some((low, high)) = point.range {
+                let middle = 0.5 * (area.left + area.right);
                 self.path(&[(middle, layout.height(low)), (middle, layout.height(high))], INK, 1.5)?;
             }
-            self.text(&short(point.y), (middle, area.top - 3.0), TEXT - 1.5, HPos::Center, VPos::Bottom)?;
+        }
+        Ok(())
+    }
+
+    /// The bars' values, above all lines, on a ground that keeps them readable.
+    fn values(&self, chart: &Chart, series: &Series, index: usize, layout: &Layout) -> Drawn<DB> {
+        for point in &series.points {
+            let Some(area) = bar_area(chart, point, index, layout) else { continue };
+            let (middle, size, text) = (0.5 * (area.left + area.right), TEXT - 1.5, short(point.y));
+            let half = 0.5 * width(&text, size) + 1.0;
+            let ground = [self.at((middle - half, area.top - size - 1.0)), self.at((middle + half, area.top - 2.0))];
+            self.area.draw(&Rectangle::new(ground, WHITE.mix(0.85).filled()))?;
+            self.text(&text, (middle, area.top - 3.0), size, HPos::Center, VPos::Bottom)?;
         }
         Ok(())
     }
@@ -286,6 +287,20 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
     fn at(&self, (x, y): (f64, f64)) -> (i32, i32) {
         ((x * self.scale).round() as i32, (y * self.scale).round() as i32)
     }
+}
+
+/// Where the bar of a point stands: the bars of one place stand beside each other.
+fn bar_area(chart: &Chart, point: &Point, index: usize, layout: &Layout) -> Option<Rect> {
+    let bars = |end: usize| chart.series[..end].iter().filter(|s| s.style == Style::Bars).count() as f64;
+    let wide = 0.78 / bars(chart.series.len());
+    let left = point.x - 0.39 + bars(index) * wide;
+    let (from, to) = layout.x.place(left + 0.06 * wide).zip(layout.x.place(left + 0.94 * wide))?;
+    if point.y.is_nan() {
+        return None;
+    }
+    let foot = if layout.y.log { layout.plot.bottom } else { layout.height(0.0) };
+    let head = layout.height(point.y);
+    Some(Rect { left: layout.across(from), right: layout.across(to), top: head.min(foot), bottom: head.max(foot) })
 }
 
 fn guide_dash(guide: &Guide) -> &'static [f64] {

@@ -145,6 +145,12 @@ fn rulers(chart: &Chart) -> (Ruler, Ruler) {
     let (x_labels, y_labels) = (labels(&chart.x.scale), labels(&chart.y.scale));
     let x = Ruler::new(&chart.x.scale, chart.x.range, xs, x_labels);
     let mut y = Ruler::new(&chart.y.scale, chart.y.range, ys.chain(levels), y_labels);
+    let at_zero = points().any(|(style, p)| style != Style::Band && p.y == 0.0);
+    if y.log && at_zero && !bars && chart.y.range.is_none() {
+        // Room between the smallest value and those drawn on the edge.
+        let low = y.low * (y.low / y.high).powf(0.05);
+        y = Ruler::new(&Scale::Log, Some((low, y.high)), std::iter::empty(), y_labels);
+    }
     if bars && chart.y.range.is_none() {
         // A bar stands on its foot, and its value is written above it.
         y = match chart.y.scale {
