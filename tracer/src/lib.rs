@@ -8,11 +8,13 @@ pub mod bsdf;
 pub mod camera;
 pub mod fresnel;
 pub mod geometry;
+pub mod integrator;
 pub mod light;
 pub mod material;
 pub mod math;
 pub mod microfacet;
 pub mod sampler;
+pub mod scene;
 #[cfg(test)]
 mod testing;
 pub mod texture;

@@ -1,55 +1,93 @@
 //! Units: from a prepared scene and a unit's description to its pixels, a row at a time.
 
+mod pixel;
+mod replay;
+
+#[cfg(test)]
+mod tests;
+
 use common::{
     film::{Features, Moments},
     job::FieldError,
     method::Method,
+    pass::Work,
     protocol::{RenderSettings, Unit},
     result::{UnitResult, UnitStatistics},
     scene::SceneFile,
 };
 
-use crate::Assets;
+use crate::{
+    Assets,
+    geometry::Counters,
+    integrator::Integrator,
+    sampler::Sampler,
+    scene::{Draft, Facts, Scene},
+};
+
+use pixel::Pixel;
+pub use replay::Replay;
 
 /// A scene whose parts are in memory, before its acceleration structure is built.
 #[derive(Debug)]
-pub struct Loaded(());
+pub struct Loaded(Draft);
 
 /// A scene ready to render: immutable, shared between threads and units.
 #[derive(Debug)]
-pub struct Prepared(());
+pub struct Prepared(Scene);
 
 impl Loaded {
     /// Reduce a checked scene, standing at one frame, to what rendering needs.
     ///
     /// # Errors
     /// A part of the scene that cannot be rendered, by its path in the scene file.
-    pub fn new(
-        _scene: &SceneFile,
-        _assets: &Assets,
-        _method: &Method,
-        _resolution: [u32; 2],
-    ) -> Result<Self, FieldError> {
-        Ok(Self(()))
+    pub fn new(scene: &SceneFile, assets: &Assets, method: &Method, resolution: [u32; 2]) -> Result<Self, FieldError> {
+        Draft::compile(scene, assets, method, resolution).map(Self)
     }
 
     /// What was dropped or assumed, a sentence each: bad triangles, missing lights.
     #[must_use]
     pub fn warnings(&self) -> &[String] {
-        &[]
+        self.0.warnings()
     }
 
     /// Build the acceleration structure. Its shape does not depend on the number of threads.
     #[must_use]
     pub fn build(self) -> Prepared {
-        Prepared(())
+        Prepared(self.0.build())
     }
+}
+
+impl Prepared {
+    /// What the scene needs.
+    #[must_use]
+    pub fn facts(&self) -> &Facts {
+        self.0.facts()
+    }
+
+    /// The scene itself, for measurements.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.0
+    }
+
+    /// Render one sample of one pixel and tell its path. `settings` must name the method that the scene was
+    /// loaded for.
+    #[must_use]
+    pub fn sample(&self, settings: &RenderSettings, pixel: [u32; 2], sample: u32) -> Replay {
+        Replay::of(&Integrator::new(&self.0, &settings.method), &sampler(settings), pixel, sample)
+    }
+}
+
+fn sampler(settings: &RenderSettings) -> Sampler {
+    Sampler::new(settings.method.sampler, settings.seed, settings.frame, settings.batch)
 }
 
 /// A unit being rendered. Rows are independent: any thread may render any of them in any order.
 #[derive(Debug)]
 pub struct UnitRender<'a> {
     unit: &'a Unit,
+    integrator: Integrator<'a>,
+    sampler: Sampler,
 }
 
 /// One row of a unit.
@@ -61,13 +99,15 @@ pub struct RowResult {
     pub features: Vec<Features>,
     /// Counts of this row; times are left 0.
     pub statistics: UnitStatistics,
+    /// Column, row and number of the first sample that was not finite: [`Prepared::sample`] replays it.
+    pub first_rejected: Option<[u32; 3]>,
 }
 
 impl<'a> UnitRender<'a> {
-    /// A unit of a prepared scene.
+    /// A unit of a prepared scene, which was loaded for the method of `settings`.
     #[must_use]
-    pub fn new(_prepared: &'a Prepared, _settings: &'a RenderSettings, unit: &'a Unit) -> Self {
-        Self { unit }
+    pub fn new(prepared: &'a Prepared, settings: &'a RenderSettings, unit: &'a Unit) -> Self {
+        Self { unit, integrator: Integrator::new(&prepared.0, &settings.method), sampler: sampler(settings) }
     }
 
     /// Number of rows.
@@ -79,15 +119,39 @@ impl<'a> UnitRender<'a> {
     /// Render row `row`, counted from the top of the unit.
     #[must_use]
     pub fn row(&self, row: u32) -> RowResult {
-        let width = self.unit.id.rect.w as usize;
-        let mean = [f64::from(row), 0.5, 0.5];
-        let samples = self.unit.work.most_samples(16) as u32;
-        let features = if self.unit.features { vec![Features::default(); width] } else { Vec::new() };
-        RowResult {
-            moments: vec![Moments::batch(samples, mean); width],
-            features,
-            statistics: UnitStatistics { samples: u64::from(samples) * width as u64, ..Default::default() },
+        let rect = self.unit.id.rect;
+        let mut counters = Counters::default();
+        let mut result = RowResult {
+            moments: Vec::with_capacity(rect.w as usize),
+            features: Vec::with_capacity(if self.unit.features { rect.w as usize } else { 0 }),
+            statistics: UnitStatistics::default(),
+            first_rejected: None,
+        };
+        for column in 0..rect.w {
+            let (x, y) = (rect.x + column, rect.y + row);
+            let mut pixel = Pixel::new(&self.integrator, &self.sampler, [x, y], self.unit.features, &mut counters);
+            match &self.unit.work {
+                Work::Uniform { first, samples } => pixel.range(*first, *samples),
+                Work::PerPixel { first, batches } => {
+                    let index = (row * rect.w + column) as usize;
+                    let batch = self.sampler.batch();
+                    pixel.range(first[index] * batch, batches[index] * batch);
+                }
+                Work::Textbook { batch, tolerance, max_samples } => pixel.textbook(*batch, *tolerance, *max_samples),
+            }
+            let done = pixel.finish();
+            result.statistics.samples += u64::from(done.moments.samples);
+            result.statistics.rejected += u64::from(done.rejected);
+            result.first_rejected = result.first_rejected.or(done.first_rejected.map(|sample| [x, y, sample]));
+            result.moments.push(done.moments);
+            if self.unit.features {
+                result.features.push(done.features);
+            }
         }
+        result.statistics.rays = counters.rays;
+        result.statistics.node_tests = counters.node_tests;
+        result.statistics.primitive_tests = counters.primitive_tests;
+        result
     }
 
     /// Put rows, in order, together into the unit's result.

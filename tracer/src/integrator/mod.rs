@@ -1,0 +1,362 @@
+//! The path tracer proper: one sample of one pixel, under every choice of [`Method`].
+//!
+//! A path starts at the camera and is lengthened by sampling BSDFs; at every vertex light is gathered as
+//! the method says. All estimators count light by the number of scatterings on its way: 0 is emission
+//! seen directly, 1 direct light. Each number of scatterings is counted by exactly one combination of
+//! estimators whose weights sum to 1.
+//!
+//! Radiance is carried against the light's direction, so shading normals need no correction factor here:
+//! f cos is evaluated with the shading normal, which is what the interpolation means. (Particles traced
+//! from lights would need one: Veach 1997, section 5.3.) Light may not pass through a surface that only
+//! its shading normal lets it pass: a direction counts only where the geometric normal agrees with the
+//! shading normal about the side.
+//!
+//! Nothing is allocated per sample. This module knows nothing of units, images, threads or files.
+
+mod direct;
+mod probe;
+mod roulette;
+
+#[cfg(test)]
+mod tests;
+
+use common::method::{Direct, Method, Only, Roulette};
+
+use crate::{
+    bsdf::Bsdf,
+    geometry::{Counters, Hit, Ray, spawn},
+    light::Reference,
+    math::{Frame, Rgb, Vec2, Vec3},
+    sampler::Stream,
+    scene::{NO_EMITTER, Point, Scene},
+};
+
+pub use probe::{End, Probe, Vertex};
+use roulette::survival;
+
+/// What one sample found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Radiance that arrives at the camera.
+    pub radiance: Rgb,
+    /// Whether nothing was estimated: the ray missed the scene, or ended on a light that scatters nothing.
+    pub known: bool,
+}
+
+/// A scene under a method, ready to be sampled.
+#[derive(Debug, Clone, Copy)]
+pub struct Integrator<'a> {
+    scene: &'a Scene,
+    /// Most scatterings.
+    max_depth: u32,
+    /// Fewest and most scatterings of light that counts.
+    counted: (u32, u32),
+    direct: Strategy,
+    light_samples: u32,
+    roulette: Roulette,
+    /// Whether the choice of a light or of a primitive needs a number.
+    choice: bool,
+    kernel: Kernel,
+}
+
+/// How direct light is estimated; [`Direct`] with `auto` decided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Strategy {
+    Hemisphere,
+    Light,
+    Mis,
+}
+
+/// The code that fits the scene: each is compiled apart, without what it does not need.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kernel {
+    /// No shading normals, textures, instances or opacity masks.
+    Plain,
+    /// Everything.
+    Full,
+}
+
+/// Numbers of decisions ([`Stream`]'s dimensions): two for the camera, then eight a vertex.
+mod dimension {
+    pub const FILM: u32 = 0;
+    pub const LENS: u32 = 1;
+    const FIRST: u32 = 2;
+    const PER_VERTEX: u32 = 8;
+    pub const LIGHT_CHOICE: u32 = 0;
+    pub const LIGHT: u32 = 1;
+    pub const LOBE: u32 = 2;
+    pub const DIRECTION: u32 = 3;
+    pub const ROULETTE: u32 = 4;
+    pub const OPACITY: u32 = 5;
+    pub const HEMISPHERE_OPACITY: u32 = 6;
+
+    /// Decision `which` at the vertex after `depth` scatterings.
+    #[inline]
+    pub fn at(depth: u32, which: u32) -> u32 {
+        FIRST + depth * PER_VERTEX + which
+    }
+}
+
+/// How the path came to its present vertex: what emission found there counts for.
+#[derive(Debug, Clone, Copy)]
+enum Arrival {
+    /// From the camera, or along a delta: only this way finds it.
+    Only,
+    /// Along a direction of this density, from where light was also sampled.
+    Sampled { pdf: f32, from: Reference },
+    /// From where light was estimated in full.
+    Counted,
+}
+
+/// A vertex of a path with its local frame.
+struct Shading {
+    point: Point,
+    frame: Frame,
+    bsdf: Bsdf,
+    /// Towards the vertex before, unit, in the local frame.
+    wo: Vec3,
+    /// Whether `wo` is on the geometric front.
+    front: bool,
+    reference: Reference,
+}
+
+impl<'a> Integrator<'a> {
+    /// Sample `scene` as `method` says. The scene must have been compiled for the same method.
+    #[must_use]
+    pub fn new(scene: &'a Scene, method: &Method) -> Self {
+        let facts = scene.facts();
+        let counted = match method.only {
+            None => (0, u32::MAX),
+            Some(Only::Direct) => (1, 1),
+            Some(Only::Indirect) => (2, u32::MAX),
+        };
+        Self {
+            scene,
+            max_depth: method.max_depth.min(counted.1),
+            counted,
+            direct: match method.direct {
+                Direct::Hemisphere => Strategy::Hemisphere,
+                Direct::Light => Strategy::Light,
+                // Light that no ray can hit leaves nothing to weigh.
+                Direct::Mis | Direct::Auto if facts.light_can_be_hit() => Strategy::Mis,
+                Direct::Mis | Direct::Auto => Strategy::Light,
+            },
+            light_samples: method.light_samples,
+            roulette: method.roulette,
+            choice: !facts.one_emitter,
+            kernel: if facts.attributes() || facts.opacity { Kernel::Full } else { Kernel::Plain },
+        }
+    }
+
+    /// One sample of the pixel at column `x`, row `y`.
+    #[inline]
+    #[must_use]
+    pub fn sample(&self, x: u32, y: u32, stream: &Stream, counters: &mut Counters) -> Sample {
+        match self.kernel {
+            Kernel::Plain => self.path::<false>(x, y, stream, counters, None),
+            Kernel::Full => self.path::<true>(x, y, stream, counters, None),
+        }
+    }
+
+    /// The same sample, told to `probe` vertex by vertex.
+    #[must_use]
+    pub fn probed(&self, x: u32, y: u32, stream: &Stream, counters: &mut Counters, probe: &mut dyn Probe) -> Sample {
+        match self.kernel {
+            Kernel::Plain => self.path::<false>(x, y, stream, counters, Some(probe)),
+            Kernel::Full => self.path::<true>(x, y, stream, counters, Some(probe)),
+        }
+    }
+
+    fn path<const FULL: bool>(
+        &self,
+        x: u32,
+        y: u32,
+        stream: &Stream,
+        counters: &mut Counters,
+        mut probe: Option<&mut dyn Probe>,
+    ) -> Sample {
+        let camera = self.scene.camera();
+        let u_lens = if camera.has_lens() { stream.two(dimension::LENS) } else { Vec2::ZERO };
+        let camera_ray = camera.ray(x, y, stream.two(dimension::FILM), u_lens);
+        let mut ray = Ray { origin: camera_ray.origin, direction: camera_ray.direction, t_max: camera_ray.t_max };
+        let mut radiance = Rgb::ZERO;
+        let mut throughput = Rgb::ONE;
+        // Product of (n_t / n_i)^2 over refractions: what radiance was compressed by, roulette must not see.
+        let mut eta2 = 1.0;
+        let mut arrival = Arrival::Only;
+        let mut depth = 0;
+        let mut known = false;
+        let end = loop {
+            let opacity = dimension::at(depth, dimension::OPACITY);
+            let Some(hit) = self.visible::<FULL>(&mut ray, stream, opacity, counters) else {
+                known = depth == 0 && !(FULL && self.scene.facts().opacity);
+                if self.counts(depth) && self.scene.facts().environment {
+                    let wi = ray.direction.normalize();
+                    let weight = self.weight(&arrival, |from| self.scene.lights().environment_pdf(from, wi));
+                    radiance += throughput * (self.scene.lights().environment(wi) * weight);
+                }
+                break End::Escaped;
+            };
+            let point = self.scene.point::<FULL>(&ray, &hit);
+            if point.emitter != NO_EMITTER && self.counts(depth) {
+                radiance += throughput * self.found(&point, &ray, &arrival);
+            }
+            let to_eye = -ray.direction.normalize();
+            let shading = self.shade(point, to_eye);
+            if let Some(probe) = probe.as_deref_mut() {
+                probe.vertex(&Vertex::new(depth, &shading, hit, throughput, radiance, self.scene));
+            }
+            if depth >= self.max_depth {
+                known = depth == 0 && !(FULL && self.scene.facts().opacity);
+                break End::Depth;
+            }
+            radiance += throughput * self.direct::<FULL>(&shading, depth, stream, counters);
+
+            // The next segment is worth tracing if the path may go on from its end, or if light that its
+            // end gives is counted there.
+            let next = depth + 1;
+            let delta_only = next == self.max_depth && self.direct != Strategy::Mis;
+            if delta_only && !self.scene.facts().delta {
+                break End::Depth;
+            }
+            let u_lobe = stream.one(dimension::at(depth, dimension::LOBE));
+            let u = stream.two(dimension::at(depth, dimension::DIRECTION));
+            let Some(sample) = shading.bsdf.sample(shading.wo, u_lobe, u) else {
+                known = depth == 0 && !(FULL && self.scene.facts().opacity) && shading.bsdf.albedo() == Rgb::ZERO;
+                break End::Absorbed;
+            };
+            let wi = shading.frame.to_world(sample.wi);
+            let leaves_front = (wi.dot(shading.point.ng) > 0.0) != sample.transmission;
+            if leaves_front != shading.front {
+                break End::Shading;
+            }
+            throughput *= sample.weight;
+            eta2 *= sample.eta * sample.eta;
+            if throughput == Rgb::ZERO {
+                known = depth == 0 && !(FULL && self.scene.facts().opacity) && shading.bsdf.albedo() == Rgb::ZERO;
+                break End::Absorbed;
+            }
+            if delta_only && !sample.delta {
+                break End::Depth;
+            }
+            if let Some(q) = survival(self.roulette, next, throughput * eta2) {
+                if stream.one(dimension::at(depth, dimension::ROULETTE)) >= q {
+                    break End::Roulette;
+                }
+                throughput /= q;
+            }
+            arrival = match self.direct {
+                _ if sample.delta => Arrival::Only,
+                Strategy::Mis => Arrival::Sampled { pdf: sample.pdf, from: shading.reference },
+                Strategy::Light | Strategy::Hemisphere => Arrival::Counted,
+            };
+            ray = spawn(shading.point.p, shading.point.p_error, shading.point.ng, wi);
+            depth = next;
+        };
+        if let Some(probe) = probe {
+            probe.end(end, radiance);
+        }
+        Sample { radiance, known }
+    }
+
+    /// Whether light of `scatterings` belongs to the picture.
+    #[inline]
+    fn counts(&self, scatterings: u32) -> bool {
+        (self.counted.0..=self.counted.1).contains(&scatterings)
+    }
+
+    /// The nearest surface that meets light at all: masks are passed at random. `ray` becomes the one that
+    /// hit.
+    #[inline]
+    fn visible<const FULL: bool>(
+        &self,
+        ray: &mut Ray,
+        stream: &Stream,
+        dimension: u32,
+        counters: &mut Counters,
+    ) -> Option<Hit> {
+        let hit = self.scene.closest(ray, counters)?;
+        if FULL && self.scene.facts().opacity {
+            self.behind_masks(hit, ray, stream, dimension, counters)
+        } else {
+            Some(hit)
+        }
+    }
+
+    #[inline(never)]
+    fn behind_masks(
+        &self,
+        mut hit: Hit,
+        ray: &mut Ray,
+        stream: &Stream,
+        dimension: u32,
+        counters: &mut Counters,
+    ) -> Option<Hit> {
+        /// A ray through more layers than this is lost.
+        const MAX_LAYERS: u32 = 4096;
+        for layer in 0..MAX_LAYERS {
+            let point = self.scene.point::<true>(ray, &hit);
+            let opacity = self.scene.material(&point).opacity(point.uv);
+            if opacity >= 1.0 || stream.split(layer).one(dimension) < opacity {
+                return Some(hit);
+            }
+            let t_max = ray.t_max - hit.t;
+            *ray = Ray { t_max, ..spawn(point.p, point.p_error, point.ng, ray.direction) };
+            hit = self.scene.closest(ray, counters)?;
+        }
+        None
+    }
+
+    /// Radiance of an emitter that a ray met, as far as it counts there.
+    #[inline]
+    fn found(&self, point: &Point, ray: &Ray, arrival: &Arrival) -> Rgb {
+        if matches!(arrival, Arrival::Counted) {
+            return Rgb::ZERO;
+        }
+        let emitted = self.scene.emitted(point, ray.direction.dot(point.ng) < 0.0);
+        if emitted == Rgb::ZERO {
+            return Rgb::ZERO;
+        }
+        emitted * self.weight(arrival, |from| self.scene.lights().pdf(from, point.emitter, point.p))
+    }
+
+    /// Weight of light that a scattered ray found, where light sampling finds it with density `light_pdf`.
+    #[inline]
+    fn weight(&self, arrival: &Arrival, light_pdf: impl FnOnce(&Reference) -> f32) -> f32 {
+        match arrival {
+            Arrival::Only => 1.0,
+            Arrival::Counted => 0.0,
+            Arrival::Sampled { pdf, from } => power_heuristic(*pdf, self.light_samples as f32 * light_pdf(from)),
+        }
+    }
+
+    /// The local frame, BSDF and light reference of a vertex seen from the unit direction `to_eye`.
+    #[inline]
+    fn shade(&self, point: Point, to_eye: Vec3) -> Shading {
+        let material = self.scene.material(&point);
+        let mut frame = material.frame(point.uv, point.ns, point.dpdu, point.dpdv);
+        let front = to_eye.dot(point.ng) > 0.0;
+        // An interpolated normal that faces away from the eye, at silhouettes, would show the wrong side.
+        if (to_eye.dot(frame.n) > 0.0) != front {
+            frame = Frame::from_normal_tangent(point.ng, frame.t);
+        }
+        let bsdf = material.bsdf(point.uv);
+        let n = match (material.is_transmissive(), front) {
+            (true, _) => Vec3::ZERO,
+            (false, true) => frame.n,
+            (false, false) => -frame.n,
+        };
+        Shading { wo: frame.to_local(to_eye), reference: Reference { p: point.p, n }, point, frame, bsdf, front }
+    }
+}
+
+/// Weight of a sample of density `a` beside another way of density `b` (Veach 1995, exponent 2), by their
+/// ratio: squares of large densities overflow, and the usual form then gives 0 or NaN.
+#[inline]
+fn power_heuristic(a: f32, b: f32) -> f32 {
+    if !(a > 0.0) {
+        return 0.0;
+    }
+    let r = b / a;
+    1.0 / (1.0 + r * r)
+}

@@ -1,0 +1,39 @@
+//! When a path may end at random, and how likely it is to go on.
+
+use common::method::{FIXED_ROULETTE_SURVIVAL, Roulette};
+
+use crate::math::Rgb;
+
+/// Scatterings before throughput is looked at: the first bounces carry most of the light.
+const FIRST: u32 = 3;
+
+/// Probability of going on after `depth` scatterings with this throughput (times eta^2); `None`: for certain.
+///
+/// Never above 1, and never below what the throughput has left: dividing by it brings the throughput to 1 at
+/// most, so no path grows brighter than it began.
+#[inline]
+pub(super) fn survival(rule: Roulette, depth: u32, throughput: Rgb) -> Option<f32> {
+    match rule {
+        Roulette::Off => None,
+        Roulette::Fixed => Some(FIXED_ROULETTE_SURVIVAL),
+        Roulette::Throughput => {
+            let most = throughput.max_element();
+            (depth > FIRST && most < 1.0).then_some(most)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_throughput_below_one_after_the_third_bounce_is_at_risk() {
+        let dim = Rgb::new(0.1, 0.4, 0.2);
+        assert_eq!(survival(Roulette::Throughput, 3, dim), None);
+        assert_eq!(survival(Roulette::Throughput, 4, dim), Some(0.4));
+        assert_eq!(survival(Roulette::Throughput, 9, Rgb::new(0.1, 1.0, 3.0)), None);
+        assert_eq!(survival(Roulette::Fixed, 1, Rgb::ONE), Some(0.7));
+        assert_eq!(survival(Roulette::Off, 100, dim), None);
+    }
+}

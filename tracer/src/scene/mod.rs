@@ -1,0 +1,210 @@
+//! The scene as rendering needs it: shapes with their surfaces, materials, lights, camera, and the facts
+//! that choose the kernel.
+//!
+//! [`Draft::compile`] makes it from a scene file standing at one frame; [`Draft::build`] adds the
+//! acceleration structure. Transforms are applied in f64 and rounded to f32 once. This module knows
+//! nothing of paths or samples.
+
+mod compile;
+mod facts;
+mod mesh;
+mod surface;
+
+#[cfg(test)]
+mod tests;
+
+use common::method::{self, Method};
+
+use crate::{
+    camera::Camera,
+    geometry::{Accel, Counters, Hit, Ray, TriangleTest, World},
+    light::Lights,
+    material::Material,
+    math::{DAffine3, Rgb, Vec2, Vec3},
+};
+
+pub use facts::Facts;
+use surface::Surface;
+pub use surface::{NO_EMITTER, Point};
+
+/// A scene without its acceleration structure.
+#[derive(Debug)]
+pub struct Draft {
+    world: World,
+    scene: Parts,
+    triangle: TriangleTest,
+    warnings: Vec<String>,
+}
+
+/// A scene ready to render.
+#[derive(Debug)]
+pub struct Scene {
+    accel: Accel,
+    parts: Parts,
+}
+
+/// All of a scene but where its surfaces are.
+#[derive(Debug)]
+struct Parts {
+    camera: Camera,
+    materials: Vec<Material>,
+    /// Surfaces of the world's own shapes, then those of each object in turn.
+    surfaces: Vec<Surface>,
+    /// Of each instance: where its object's surfaces begin, and its linear maps.
+    instances: Vec<Placement>,
+    lights: Lights,
+    /// Of each emitter, its surface and primitive; empty where no emission varies over a surface.
+    emitters: Vec<(u32, u32)>,
+    facts: Facts,
+}
+
+/// An instance, as shading needs it.
+#[derive(Debug, Clone, Copy)]
+struct Placement {
+    first_surface: u32,
+    /// Columns of the map of directions.
+    linear: [Vec3; 3],
+    /// Columns of the map of normals: the inverse's transpose, up to its length.
+    normal: [Vec3; 3],
+}
+
+impl Placement {
+    fn new(first_surface: u32, to_world: DAffine3) -> Self {
+        let columns = |m: glam::DMat3| [m.x_axis, m.y_axis, m.z_axis].map(|c| c.as_vec3());
+        let m = to_world.matrix3;
+        Self { first_surface, linear: columns(m), normal: columns(m.inverse().transpose()) }
+    }
+}
+
+fn apply(columns: &[Vec3; 3], v: Vec3) -> Vec3 {
+    columns[0] * v.x + columns[1] * v.y + columns[2] * v.z
+}
+
+impl Draft {
+    /// What was dropped or assumed, a sentence each.
+    #[must_use]
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Build the acceleration structure.
+    #[must_use]
+    pub fn build(self) -> Scene {
+        Scene { accel: Accel::build(self.world, self.triangle), parts: self.scene }
+    }
+}
+
+fn triangle_test(method: &Method) -> TriangleTest {
+    match method.triangle {
+        method::TriangleTest::Watertight => TriangleTest::Watertight,
+        method::TriangleTest::MoellerTrumbore => TriangleTest::MoellerTrumbore,
+    }
+}
+
+impl Scene {
+    /// The camera.
+    #[inline]
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.parts.camera
+    }
+
+    /// The lights.
+    #[inline]
+    #[must_use]
+    pub fn lights(&self) -> &Lights {
+        &self.parts.lights
+    }
+
+    /// What the scene needs.
+    #[inline]
+    #[must_use]
+    pub fn facts(&self) -> &Facts {
+        &self.parts.facts
+    }
+
+    /// Where the surfaces are.
+    #[inline]
+    #[must_use]
+    pub fn accel(&self) -> &Accel {
+        &self.accel
+    }
+
+    /// The nearest surface that `ray` meets.
+    #[inline]
+    pub fn closest(&self, ray: &Ray, counters: &mut Counters) -> Option<Hit> {
+        self.accel.closest(ray, counters)
+    }
+
+    /// Whether `ray` meets any surface.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray, counters: &mut Counters) -> bool {
+        self.accel.occluded(ray, counters)
+    }
+
+    /// The material of a surface.
+    #[inline]
+    #[must_use]
+    pub fn material(&self, point: &Point) -> &Material {
+        &self.parts.materials[point.material as usize]
+    }
+
+    /// Everything that shading needs of a hit. `ATTRIBUTES` false: the scene has no shading normals,
+    /// textures or instances, and none are looked for.
+    #[inline]
+    #[must_use]
+    pub fn point<const ATTRIBUTES: bool>(&self, ray: &Ray, hit: &Hit) -> Point {
+        let at = self.accel.surface(ray, hit);
+        let placement = if ATTRIBUTES && hit.instance != Hit::NO_INSTANCE {
+            Some(&self.parts.instances[hit.instance as usize])
+        } else {
+            None
+        };
+        let index = hit.shape + placement.map_or(0, |p| p.first_surface);
+        let surface = &self.parts.surfaces[index as usize];
+        let mut point = Point {
+            p: at.p,
+            p_error: at.p_error,
+            ng: at.ng,
+            ns: at.ng,
+            uv: Vec2::ZERO,
+            dpdu: Vec3::ZERO,
+            dpdv: Vec3::ZERO,
+            material: surface.material,
+            emitter: surface.emitter(hit.primitive),
+            surface: index,
+        };
+        if ATTRIBUTES {
+            surface.interpolate(hit, placement, &mut point);
+        }
+        point
+    }
+
+    /// Radiance that a surface gives at `point`, from its front or its back.
+    #[inline]
+    #[must_use]
+    pub fn emitted(&self, point: &Point, front: bool) -> Rgb {
+        let constant = self.lights().emitted(point.emitter, front);
+        if self.parts.emitters.is_empty() || constant == Rgb::ZERO {
+            return constant;
+        }
+        match &self.parts.surfaces[point.surface as usize].emission {
+            Some(texture) => texture.at(point.uv),
+            None => constant,
+        }
+    }
+
+    /// Radiance of a light sample; it differs from the light's own where emission varies over the surface.
+    #[inline]
+    #[must_use]
+    pub fn sampled_radiance(&self, sample: &crate::light::LightSample) -> Rgb {
+        let Some(&(surface, primitive)) = sample.emitter.and_then(|e| self.parts.emitters.get(e as usize)) else {
+            return sample.radiance;
+        };
+        let surface = &self.parts.surfaces[surface as usize];
+        match &surface.emission {
+            Some(texture) => texture.at(surface.emitter_uv(primitive, sample)),
+            None => sample.radiance,
+        }
+    }
+}
