@@ -249,7 +249,7 @@ mod tests {
         fn row(&self, row: u32) -> RowResult {
             (self.row)(row);
             let moments = vec![Moments::batch(1, [f64::from(row); 3])];
-            RowResult { moments, features: Vec::new(), statistics: UnitStatistics::default() }
+            RowResult { moments, features: Vec::new(), statistics: UnitStatistics::default(), first_rejected: None }
         }
 
         fn assemble(&self, rows: Vec<RowResult>) -> UnitResult {
