@@ -59,6 +59,12 @@ impl AliasTable {
         Self { bins }
     }
 
+    /// How many choices there are, those that are never picked included; 0 where nothing can be picked.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.bins.len()
+    }
+
     /// Whether nothing can be picked.
     #[must_use]
     pub fn is_empty(&self) -> bool {

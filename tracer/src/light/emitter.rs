@@ -7,7 +7,10 @@ use std::f64::consts::PI;
 
 use common::method::LightSampling;
 
-use crate::math::{DVec3, Frame, Vec2, Vec3, concentric_disk, gamma, safe_sqrt, sin_cos_turns};
+use super::{sphere_cone::SphereCone, spherical_rectangle::SphericalRectangle, spherical_triangle::SphericalTriangle};
+use crate::math::{
+    DVec3, Frame, UNIFORM_SPHERE_PDF, Vec2, Vec3, concentric_disk, gamma, safe_sqrt, sin_cos_turns, uniform_sphere,
+};
 
 /// A primitive that emits, in world space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,6 +103,49 @@ struct Place {
     coordinates: Vec2,
 }
 
+/// An emitter as seen from a reference point: what the choice of a point is uniform over. Samples and
+/// densities both start here, so they agree on it.
+enum Seen {
+    Triangle(SphericalTriangle),
+    Rectangle(SphericalRectangle),
+    Cone(SphereCone),
+    /// Every direction: from inside a sphere.
+    Around,
+    /// The area.
+    Surface,
+}
+
+impl Seen {
+    #[inline]
+    fn new(emitter: &Emitter, sampling: LightSampling, from: Vec3) -> Self {
+        if sampling != LightSampling::SolidAngle {
+            return Self::Surface;
+        }
+        match *emitter {
+            Emitter::Triangle { ref p } => SphericalTriangle::new(p, from).map_or(Self::Surface, Self::Triangle),
+            Emitter::Rectangle { corner, edge_u, edge_v } => {
+                SphericalRectangle::new(corner, edge_u, edge_v, from).map_or(Self::Surface, Self::Rectangle)
+            }
+            Emitter::Sphere { center, radius } => {
+                SphereCone::new(center, radius, from).map_or(Self::Around, Self::Cone)
+            }
+            Emitter::Disk { .. } => Self::Surface,
+        }
+    }
+
+    /// Density per solid angle with which `point` is chosen.
+    #[inline]
+    fn pdf(&self, emitter: &Emitter, from: Vec3, point: Vec3) -> f32 {
+        match self {
+            Self::Triangle(triangle) => 1.0 / triangle.solid_angle(),
+            Self::Rectangle(rectangle) => 1.0 / rectangle.solid_angle(),
+            Self::Cone(cone) => ratio(1.0, cone.solid_angle()),
+            Self::Around => UNIFORM_SPHERE_PDF,
+            Self::Surface => emitter.area_pdf(from, point),
+        }
+    }
+}
+
 impl Emitter {
     /// The emitters that a flat convex quadrilateral is made of: one rectangle, or else the two triangles
     /// (0, 1, 2) and (0, 2, 3).
@@ -108,8 +154,8 @@ impl Emitter {
         let d = v.map(|v| v.as_dvec3());
         let (edge_u, edge_v) = (d[1] - d[0], d[3] - d[0]);
         let scale = edge_u.length().min(edge_v.length());
-        let is_parallelogram = (d[0] + edge_u + edge_v - d[2]).length() <= 1e-5 * scale;
-        let is_square_angled = edge_u.dot(edge_v).abs() <= 1e-5 * edge_u.length() * edge_v.length();
+        let is_parallelogram = (d[0] + edge_u + edge_v - d[2]).length() <= 1e-6 * scale;
+        let is_square_angled = edge_u.dot(edge_v).abs() <= 1e-6 * edge_u.length() * edge_v.length();
         if scale > 0.0 && is_parallelogram && is_square_angled {
             vec![Self::Rectangle { corner: v[0], edge_u: v[1] - v[0], edge_v: v[3] - v[0] }]
         } else {
@@ -125,6 +171,19 @@ impl Emitter {
             Self::Rectangle { .. } => self.facing(Vec3::ZERO).length(),
             Self::Sphere { radius, .. } => 4.0 * PI * f64::from(radius) * f64::from(radius),
             Self::Disk { radius, .. } => PI * f64::from(radius) * f64::from(radius),
+        }
+    }
+
+    /// Solid angle it subtends at `p`, where points can be chosen uniformly over that: `None` for disks,
+    /// and where it is below 1e-11 sr or `p` lies in its plane.
+    #[must_use]
+    pub fn solid_angle(&self, p: Vec3) -> Option<f32> {
+        match Seen::new(self, LightSampling::SolidAngle, p) {
+            Seen::Triangle(triangle) => Some(triangle.solid_angle()),
+            Seen::Rectangle(rectangle) => Some(rectangle.solid_angle()),
+            Seen::Cone(cone) => Some(cone.solid_angle() as f32),
+            Seen::Around => Some((4.0 * PI) as f32),
+            Seen::Surface => None,
         }
     }
 
@@ -148,14 +207,19 @@ impl Emitter {
     #[inline]
     #[must_use]
     pub fn sample(&self, sampling: LightSampling, p: Vec3, u: Vec2, stratum: Stratum) -> Option<EmitterSample> {
-        let place = match sampling {
-            LightSampling::Area | LightSampling::SolidAngle => self.by_area(u),
-            LightSampling::Stratified => self.by_stratum(u, stratum),
+        let seen = Seen::new(self, sampling, p);
+        let place = match (&seen, sampling) {
+            (Seen::Triangle(triangle), _) => self.at(triangle.sample(u)),
+            (Seen::Rectangle(rectangle), _) => self.at(rectangle.sample(u)),
+            (Seen::Cone(cone), _) => self.on_sphere_at(cone.sample(u)),
+            (Seen::Around, _) => return self.around(p, uniform_sphere(u)),
+            (Seen::Surface, LightSampling::Stratified) => self.by_stratum(u, stratum),
+            (Seen::Surface, _) => self.by_area(u),
         };
         let to = place.point.as_dvec3() - p.as_dvec3();
         let distance = to.length();
         let wi = (to / distance).as_vec3();
-        let pdf = self.pdf(sampling, p, place.point);
+        let pdf = seen.pdf(self, p, place.point);
         (pdf > 0.0 && wi.is_finite()).then_some(EmitterSample {
             wi,
             point: place.point,
@@ -171,8 +235,7 @@ impl Emitter {
     #[inline]
     #[must_use]
     pub fn pdf(&self, sampling: LightSampling, p: Vec3, point: Vec3) -> f32 {
-        let _ = sampling;
-        self.area_pdf(p, point)
+        Seen::new(self, sampling, p).pdf(self, p, point)
     }
 
     /// Density per solid angle of a choice that is uniform over the area: distance^2 / (|cos| area).
@@ -276,6 +339,25 @@ impl Emitter {
         let r = safe_sqrt(1.0 - z * z);
         let (sin, cos) = sin_cos_turns(turn);
         self.on_sphere_at(Vec3::new(r * cos, r * sin, z))
+    }
+
+    /// The point of a sphere that the ray from `p`, inside it, along the unit vector `wi` meets. It may be
+    /// so near that its own rounding hides the direction: that comes from `wi`.
+    fn around(&self, p: Vec3, wi: Vec3) -> Option<EmitterSample> {
+        let Self::Sphere { center, radius } = *self else { return None };
+        let (from, d, radius) = (p.as_dvec3() - center.as_dvec3(), wi.as_dvec3(), f64::from(radius));
+        let along = from.dot(d);
+        let t = (along * along - from.length_squared() + radius * radius).max(0.0).sqrt() - along;
+        let Place { point, error, ng, coordinates } = self.on_sphere_at((from + d * t).try_normalize()?.as_vec3());
+        Some(EmitterSample {
+            wi,
+            point,
+            point_error: error,
+            ng,
+            distance: t.max(0.0) as f32,
+            pdf: UNIFORM_SPHERE_PDF,
+            coordinates,
+        })
     }
 
     /// The point of a sphere whose normal is the unit vector `n`.

@@ -1,8 +1,8 @@
 //! What rays that leave the scene meet: the same radiance everywhere, or a picture of the surroundings.
 //!
 //! A picture is looked up with bilinear interpolation. Light sampling chooses one of its cells with
-//! probability in proportion to the exact integral of the interpolated picture over the cell times the
-//! cell's solid angle, then a direction uniformly within that solid angle: where the picture shines, the
+//! probability in proportion to the mean of the interpolated picture over the cell times the cell's solid
+//! angle, then a direction uniformly within that solid angle: where the picture shines, the
 //! density is above 0, poles included.
 
 use std::f64::consts::PI;
@@ -69,8 +69,9 @@ impl Environment {
     }
 }
 
-/// Most cells that directions are chosen among. Larger pictures share cells.
-const MAX_CELLS: usize = 1 << 21;
+/// Most cells that directions are chosen among, 4 bytes each. Up to 2048 x 1024 every pixel has four; pixels
+/// of larger pictures share.
+const MAX_CELLS: usize = 1 << 23;
 
 /// An equirectangular picture: its top is +y and its middle column looks along -z.
 #[derive(Debug, Clone)]
@@ -177,30 +178,31 @@ impl ImageEnvironment {
 impl Cells {
     /// The cells of a picture, and the integral of the mean of its channels over all directions.
     fn new(width: usize, height: usize, pixels: &[Rgb]) -> (Self, f64) {
+        // Half pixels: within one the interpolant is smooth, and nothing but its own slope makes noise.
+        let (across, down) = (2 * width, 2 * height);
         let mut block = 1;
-        while width.div_ceil(block) * height.div_ceil(block) > MAX_CELLS {
+        while across.div_ceil(block) * down.div_ceil(block) > MAX_CELLS {
             block += 1;
         }
-        let columns = width.div_ceil(block);
-        let rows = height.div_ceil(block);
+        let (columns, rows) = (across.div_ceil(block), down.div_ceil(block));
         let polar_cosine = |row: usize, rows: usize| libm::cos(PI * row as f64 / rows as f64);
         let mut weights = vec![0.0f64; columns * rows];
         let mut fluence = 0.0;
         let value = |x: usize, y: usize| mean(pixels[y * width + x]);
-        for y in 0..height {
-            let above = y.saturating_sub(1);
-            let below = (y + 1).min(height - 1);
-            let band = polar_cosine(y, height) - polar_cosine(y + 1, height);
-            for x in 0..width {
-                let (left, right) = ((x + width - 1) % width, (x + 1) % width);
-                // The integral of the bilinear interpolant over a pixel weighs neighbours 1:6:1 each way.
-                let across = |y: usize| value(left, y) + 6.0 * value(x, y) + value(right, y);
-                let mean = (across(above) + 6.0 * across(y) + across(below)) / 64.0;
-                let integral = mean * band * 2.0 * PI / width as f64;
+        for j in 0..down {
+            let y = j / 2;
+            let beside = if j % 2 == 0 { y.saturating_sub(1) } else { (y + 1).min(height - 1) };
+            let solid_angle = (polar_cosine(j, down) - polar_cosine(j + 1, down)) * 2.0 * PI / across as f64;
+            for i in 0..across {
+                let x = i / 2;
+                let next = if i % 2 == 0 { (x + width - 1) % width } else { (x + 1) % width };
+                // The mean of the interpolant over a half pixel weighs the pixel and its neighbour 3:1 each way.
+                let row = |y: usize| 3.0 * value(x, y) + value(next, y);
+                let integral = (3.0 * row(y) + row(beside)) / 16.0 * solid_angle;
                 fluence += integral;
-                for (row, down) in overlaps(y, height, rows) {
-                    for (column, across) in overlaps(x, width, columns) {
-                        weights[row * columns + column] += integral * down * across;
+                for (row, height_share) in overlaps(j, down, rows) {
+                    for (column, width_share) in overlaps(i, across, columns) {
+                        weights[row * columns + column] += integral * height_share * width_share;
                     }
                 }
             }
@@ -223,13 +225,13 @@ impl Cells {
     }
 }
 
-/// The cells out of `cells` that pixel `index` out of `pixels` lies in, at most two since cells are no
-/// smaller than pixels, and its share in each.
-fn overlaps(index: usize, pixels: usize, cells: usize) -> [(usize, f64); 2] {
-    // In units of 1 / (pixels x cells) everything is a whole number.
+/// The cells out of `cells` that part `index` out of `parts` lies in, at most two since there are no more
+/// cells than parts, and its share in each.
+fn overlaps(index: usize, parts: usize, cells: usize) -> [(usize, f64); 2] {
+    // In units of 1 / (parts x cells) everything is a whole number.
     let (begin, end) = (index * cells, (index + 1) * cells);
-    let cell = begin / pixels;
-    let edge = ((cell + 1) * pixels).min(end);
+    let cell = begin / parts;
+    let edge = ((cell + 1) * parts).min(end);
     let share = (edge - begin) as f64 / cells as f64;
     [(cell, share), ((cell + 1).min(cells - 1), 1.0 - share)]
 }

@@ -6,9 +6,16 @@
 //! emitter is a primitive in world space and has one radiance.
 
 mod alias;
+mod choice;
+mod cone;
 mod delta;
 mod emitter;
 mod environment;
+mod sphere_cone;
+mod spherical_rectangle;
+mod spherical_triangle;
+pub mod textbook;
+mod tree;
 
 use common::method::{LightPick, LightSampling, Method};
 
@@ -16,7 +23,9 @@ pub use alias::AliasTable;
 pub use delta::DeltaLight;
 pub use emitter::{Emitter, EmitterSample, Stratum};
 pub use environment::{Environment, ImageEnvironment};
+pub use tree::group_importance;
 
+use self::choice::TreeChoice;
 use crate::math::{Rgb, Vec2, Vec3};
 
 /// Who asks for light.
@@ -110,8 +119,10 @@ struct Area {
 enum Choice {
     /// Every live light.
     All,
-    /// One light.
+    /// One light, the same chances everywhere.
     Table(AliasTable),
+    /// One emitter or light, chances by place.
+    Tree(TreeChoice),
 }
 
 /// What gives light.
@@ -123,8 +134,8 @@ enum Source {
 }
 
 impl Lights {
-    /// Prepare the lights for `method`. Where it leaves the choice open, a lone light is taken as it is,
-    /// and one of several by power.
+    /// Prepare the lights for `method`. Where it leaves the choice open, a lone light without parts is
+    /// taken as it is, and the light tree chooses among several.
     #[must_use]
     pub fn build(sources: LightSources, method: &Method) -> Self {
         let LightSources { areas: sources, deltas, environment, scene_radius } = sources;
@@ -143,16 +154,22 @@ impl Lights {
             });
             emitters.extend(source.emitters.into_iter().map(|shape| Primitive { shape, area }));
         }
-        let radius = f64::from(scene_radius);
+        // Nothing but its ratio to other lights depends on the radius.
+        let radius = if scene_radius > 0.0 { f64::from(scene_radius) } else { 1.0 };
         powers.extend(deltas.iter().map(|light| light.power(radius)));
         powers.extend(environment.iter().map(|environment| environment.power(radius)));
         let live: Vec<u32> =
             (0..powers.len() as u32).filter(|&i| powers[i as usize] > 0.0 && powers[i as usize].is_finite()).collect();
         let equal: Vec<f64> = powers.iter().map(|&p| if p > 0.0 && p.is_finite() { 1.0 } else { 0.0 }).collect();
-        let choice = match method.light_pick {
-            Some(LightPick::All) => Choice::All,
-            Some(LightPick::One) => Choice::Table(AliasTable::new(&equal)),
-            Some(LightPick::Power | LightPick::Tree) | None => Choice::Table(AliasTable::new(&powers)),
+        let pick = method.light_pick.unwrap_or_else(|| {
+            let is_simple = live.len() <= 1 && areas.iter().all(|area: &Area| area.table.len() <= 1);
+            if is_simple { LightPick::One } else { LightPick::Tree }
+        });
+        let choice = match pick {
+            LightPick::All => Choice::All,
+            LightPick::One => Choice::Table(AliasTable::new(&equal)),
+            LightPick::Power => Choice::Table(AliasTable::new(&powers)),
+            LightPick::Tree => Choice::Tree(TreeChoice::new(&emitters, &areas, &deltas, &live)),
         };
         let sampling = method.light_sampling.unwrap_or(LightSampling::SolidAngle);
         Self { emitters, areas, deltas, environment, live, choice, sampling }
@@ -189,6 +206,14 @@ impl Lights {
         mut visit: impl FnMut(LightSample),
     ) {
         match &self.choice {
+            Choice::Tree(tree) => {
+                let (pick, u) = draw();
+                if let Some((source, probability)) = tree.pick(reference, alias::lengthen(pick, u))
+                    && let Some(sample) = self.sample_source(source, probability, reference, u, stratum)
+                {
+                    visit(sample);
+                }
+            }
             Choice::All => {
                 for &light in &self.live {
                     let (pick, u) = draw();
@@ -242,11 +267,12 @@ impl Lights {
         if !area.two_sided && !primitive.shape.front_faces(reference.p) {
             return 0.0;
         }
-        let light = match &self.choice {
-            Choice::All => 1.0,
-            Choice::Table(table) => table.probability(primitive.area),
+        let within = || area.table.probability(emitter - area.first);
+        let chosen = match &self.choice {
+            Choice::All => within(),
+            Choice::Table(table) => table.probability(primitive.area) * within(),
+            Choice::Tree(tree) => tree.probability(reference, Source::Emitter(emitter)),
         };
-        let chosen = light * area.table.probability(emitter - area.first);
         if chosen > 0.0 { with_choice(chosen, primitive.shape.pdf(self.sampling, reference.p, point)) } else { 0.0 }
     }
 
@@ -257,7 +283,8 @@ impl Lights {
         let Some(environment) = &self.environment else { return 0.0 };
         let chosen = match &self.choice {
             Choice::All => 1.0,
-            Choice::Table(table) => table.probability(self.environment_light()),
+            Choice::Table(table) => table.probability((self.areas.len() + self.deltas.len()) as u32),
+            Choice::Tree(tree) => tree.probability(reference, Source::Environment),
         };
         if chosen > 0.0 { with_choice(chosen, environment.pdf(reference.n, wi)) } else { 0.0 }
     }
@@ -276,10 +303,6 @@ impl Lights {
         let Some(primitive) = self.emitters.get(emitter as usize) else { return Rgb::ZERO };
         let area = &self.areas[primitive.area as usize];
         if front || area.two_sided { area.radiance } else { Rgb::ZERO }
-    }
-
-    fn environment_light(&self) -> u32 {
-        (self.areas.len() + self.deltas.len()) as u32
     }
 
     /// A sample of the light with this number, which was chosen with probability `chosen`; `rest` chooses
@@ -325,7 +348,8 @@ impl Lights {
                 }
                 let sample = shape.sample(self.sampling, reference.p, u, stratum)?;
                 // The far side of a sphere, or its outside seen from within.
-                if !area.two_sided && sample.ng.dot(sample.wi) >= 0.0 {
+                let is_round = matches!(shape, Emitter::Sphere { .. });
+                if is_round && !area.two_sided && sample.ng.dot(sample.wi) >= 0.0 {
                     return None;
                 }
                 Some(LightSample {

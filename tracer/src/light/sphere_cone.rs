@@ -1,0 +1,57 @@
+//! Directions uniform over the cone that a sphere subtends.
+
+use std::f64::consts::PI;
+
+use crate::math::{DVec3, Frame, Vec2, Vec3, sin_cos_turns};
+
+/// A sphere as seen from a reference point outside it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SphereCone {
+    /// From the reference point to the centre.
+    axis: DVec3,
+    distance: f64,
+    /// Cosine of the cone's half angle.
+    cos_edge: f64,
+    /// 1 - `cos_edge`. As a difference it would vanish at 1e-8 of a radian.
+    height: f64,
+}
+
+impl SphereCone {
+    /// The sphere seen from `from`; `None` from inside.
+    #[inline]
+    pub(super) fn new(center: Vec3, radius: f32, from: Vec3) -> Option<Self> {
+        let axis = center.as_dvec3() - from.as_dvec3();
+        let distance2 = axis.length_squared();
+        let radius2 = f64::from(radius) * f64::from(radius);
+        if distance2 <= radius2 {
+            return None;
+        }
+        let cos_edge = ((distance2 - radius2) / distance2).sqrt();
+        Some(Self { axis, distance: distance2.sqrt(), cos_edge, height: radius2 / distance2 / (1.0 + cos_edge) })
+    }
+
+    /// Solid angle, 0 to 2 pi.
+    #[inline]
+    pub(super) fn solid_angle(&self) -> f64 {
+        2.0 * PI * self.height
+    }
+
+    /// Unit normal of the sphere at the point in the direction that `u` chooses.
+    #[inline]
+    pub(super) fn sample(&self, u: Vec2) -> Vec3 {
+        let x = f64::from(u.x);
+        // 1 - cos of the angle at the reference point.
+        let rise = x * self.height;
+        let (sin, cos) = ((rise * (2.0 - rise)).sqrt(), 1.0 - rise);
+        // Sine of the angle between the direction and the normal, by the law of sines: radius and distance
+        // cancel, so that it is as precise for a far sphere as for a near one.
+        let sin_2 = (x * (2.0 - rise) / (1.0 + self.cos_edge)).min(1.0);
+        let (sin_normal, cos_normal) = (sin_2.sqrt(), (1.0 - sin_2).sqrt());
+        // The angle at the centre is the difference of the two.
+        let cos_center = cos_normal * cos + sin_normal * sin;
+        let sin_center = sin_normal * cos - cos_normal * sin;
+        let frame = Frame::from_normal((-self.axis / self.distance).as_vec3());
+        let (sin_turn, cos_turn) = sin_cos_turns(u.y);
+        (frame.t * cos_turn + frame.b * sin_turn) * sin_center as f32 + frame.n * cos_center as f32
+    }
+}
