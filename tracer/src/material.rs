@@ -8,9 +8,9 @@ use common::{
 
 use crate::{
     bsdf::{
-        BlinnMicrofacet, BlinnPhong, Bsdf, Diffuse, GREATEST_EXPONENT, Lobes, Metal, MetallicRoughness, Mirror, Phong,
-        Plastic, PlasticCoat, Reflectivity, RoughConductor, RoughDielectric, SmoothConductor, SmoothDielectric,
-        SplitSum,
+        BlinnFacets, BlinnMicrofacet, BlinnPhong, Bsdf, Diffuse, GREATEST_EXPONENT, Lobes, Metal, MetallicRoughness,
+        Mirror, Phong, Plastic, PlasticCoat, Reflectivity, RoughConductor, RoughDielectric, SmoothConductor,
+        SmoothDielectric, SplitSum,
     },
     fresnel::{ComplexIndex, metals, normal_reflectance},
     math::{Frame, Rgb, Vec2, Vec3},
@@ -36,7 +36,7 @@ enum Kind {
     Plastic { reflectance: Texture, coat: Box<PlasticCoat> },
     Phong { reflectance: Texture, exponent: f32 },
     BlinnPhong { reflectance: Texture, exponent: f32 },
-    BlinnMicrofacet { reflectance: Texture, exponent: f32 },
+    BlinnMicrofacet { reflectance: Texture, facets: Box<BlinnFacets> },
     MetallicRoughness { base_color: Texture, metallic: Texture, roughness: Texture, f0: f32, tables: &'static SplitSum },
 }
 
@@ -102,7 +102,7 @@ impl Material {
             },
             MaterialKind::BlinnMicrofacet(m) => Kind::BlinnMicrofacet {
                 reflectance: texture("reflectance", &m.reflectance)?,
-                exponent: exponent(m.exponent),
+                facets: Box::new(BlinnFacets::new(exponent(m.exponent))),
             },
             MaterialKind::MetallicRoughness(m) => Kind::MetallicRoughness {
                 base_color: texture("base_color", &m.base_color)?,
@@ -153,8 +153,8 @@ impl Material {
             Kind::BlinnPhong { reflectance, exponent } => {
                 Lobes::BlinnPhong(BlinnPhong::new(reflectance.share_at(uv), *exponent))
             }
-            Kind::BlinnMicrofacet { reflectance, exponent } => {
-                Lobes::BlinnMicrofacet(BlinnMicrofacet { reflectance: reflectance.share_at(uv), exponent: *exponent })
+            Kind::BlinnMicrofacet { reflectance, facets } => {
+                Lobes::BlinnMicrofacet(BlinnMicrofacet { reflectance: reflectance.share_at(uv), facets: **facets })
             }
             Kind::MetallicRoughness { base_color, metallic, roughness, f0, tables } => {
                 let base = base_color.share_at(uv);
@@ -200,7 +200,51 @@ impl Material {
     /// Whether light is found by sampling the BSDF alone, wherever one looks.
     #[must_use]
     pub fn is_delta(&self) -> bool {
-        self.bsdf(Vec2::ZERO).is_delta()
+        let constant = self.textures().all(|texture| texture.as_constant().is_some());
+        match &self.kind {
+            Kind::Mirror { .. } => true,
+            Kind::Dielectric { ggx, .. } | Kind::Conductor { ggx, .. } => ggx.is_none(),
+            _ => constant && self.bsdf(Vec2::ZERO).is_delta(),
+        }
+    }
+
+    /// Whether a delta may be among the lobes anywhere on the surface.
+    #[must_use]
+    pub fn has_delta(&self) -> bool {
+        match &self.kind {
+            Kind::Mirror { .. } => true,
+            Kind::Dielectric { ggx, .. } | Kind::Conductor { ggx, .. } => ggx.is_none(),
+            Kind::Plastic { coat, .. } => coat.ggx.is_none(),
+            Kind::MetallicRoughness { roughness, .. } => {
+                roughness.as_constant().is_none_or(|value| Ggx::new(value.y * value.y, value.y * value.y).is_none())
+            }
+            Kind::Diffuse { .. } | Kind::Phong { .. } | Kind::BlinnPhong { .. } | Kind::BlinnMicrofacet { .. } => false,
+        }
+    }
+
+    /// Whether anything about the surface depends on texture coordinates.
+    #[must_use]
+    pub fn is_textured(&self) -> bool {
+        let varies = |texture: &Texture| texture.as_constant().is_none();
+        self.normal_map.is_some() || self.opacity.as_ref().is_some_and(varies) || self.textures().any(varies)
+    }
+
+    /// The textures that scattering depends on.
+    fn textures(&self) -> impl Iterator<Item = &Texture> {
+        let textures: [Option<&Texture>; 3] = match &self.kind {
+            Kind::Diffuse { reflectance }
+            | Kind::Mirror { reflectance }
+            | Kind::Plastic { reflectance, .. }
+            | Kind::Phong { reflectance, .. }
+            | Kind::BlinnPhong { reflectance, .. }
+            | Kind::BlinnMicrofacet { reflectance, .. } => [Some(reflectance), None, None],
+            Kind::Dielectric { reflectance, transmittance, .. } => [Some(reflectance), Some(transmittance), None],
+            Kind::Conductor { tint, .. } => [Some(tint), None, None],
+            Kind::MetallicRoughness { base_color, metallic, roughness, .. } => {
+                [Some(base_color), Some(metallic), Some(roughness)]
+            }
+        };
+        textures.into_iter().flatten()
     }
 
     /// The local frame at a point: z along the shading normal `ns`, or that of the normal map; x along
@@ -231,4 +275,116 @@ fn alphas(roughness: scene::Roughness) -> [f32; 2] {
 
 fn exponent(value: f64) -> f32 {
     (value as f32).min(GREATEST_EXPONENT)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use common::mesh::{Encoding, Picture};
+
+    use super::*;
+
+    fn picture(pixels: Vec<[f32; 4]>) -> HashMap<String, Picture> {
+        let width = pixels.len() as u32;
+        HashMap::from([("p.png".to_owned(), Picture { width, height: 1, pixels, encoding: Encoding::Srgb })])
+    }
+
+    fn compile(json: &str, files: &HashMap<String, Picture>) -> Result<Material, FieldError> {
+        let scene = serde_json::from_str(json).expect("the test's own JSON");
+        Material::compile("materials.m", &scene, &mut Pictures::new(files), Fresnel::Exact)
+    }
+
+    const CENTRE: Vec2 = Vec2::splat(0.5);
+
+    #[test]
+    fn a_missing_picture_is_told_by_the_field_that_names_it() {
+        let none = HashMap::new();
+        let image = r#"{"type":"image","file":"a/b.png"}"#;
+        for (json, field) in [
+            (format!(r#"{{"type":"diffuse","reflectance":{image}}}"#), "materials.m.reflectance.file"),
+            (format!(r#"{{"type":"dielectric","transmittance":{image}}}"#), "materials.m.transmittance.file"),
+            (format!(r#"{{"type":"metallic_roughness","roughness":{image}}}"#), "materials.m.roughness.file"),
+            (format!(r#"{{"type":"mirror","opacity":{image}}}"#), "materials.m.opacity.file"),
+            (r#"{"type":"mirror","normal_map":{"file":"a/b.png"}}"#.to_owned(), "materials.m.normal_map.file"),
+        ] {
+            let error = compile(&json, &none).unwrap_err();
+            assert_eq!(error.field, field);
+            assert!(error.message.contains("a/b.png"), "{error}");
+        }
+    }
+
+    #[test]
+    fn metallic_is_blue_and_roughness_green() {
+        let files = picture(vec![[0.9, 0.5, 0.0, 1.0]]);
+        let image = r#"{"type":"image","file":"p.png","linear":true}"#;
+        let json =
+            format!(r#"{{"type":"metallic_roughness","base_color":0.5,"metallic":{image},"roughness":{image}}}"#);
+        let textured = compile(&json, &files).unwrap();
+        let plain =
+            compile(r#"{"type":"metallic_roughness","base_color":0.5,"metallic":0,"roughness":0.5}"#, &HashMap::new())
+                .unwrap();
+        let (wo, wi) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(-0.5, 0.1, 0.86).normalize());
+        assert_eq!(textured.bsdf(CENTRE).eval(wo, wi), plain.bsdf(CENTRE).eval(wo, wi));
+        assert!(textured.is_textured() && !plain.is_textured());
+        assert!(textured.has_delta() && !plain.has_delta() && !textured.is_delta());
+    }
+
+    #[test]
+    fn facts_say_what_a_material_needs() {
+        let none = HashMap::new();
+        let of = |json: &str| compile(json, &none).unwrap();
+        // JSON, is_delta, has_delta, is_transmissive.
+        for (json, facts) in [
+            (r#"{"type":"diffuse"}"#, (false, false, false)),
+            (r#"{"type":"mirror"}"#, (true, true, false)),
+            (r#"{"type":"dielectric"}"#, (true, true, true)),
+            (r#"{"type":"dielectric","roughness":0.1}"#, (false, false, true)),
+            (r#"{"type":"conductor","metal":"Ag"}"#, (true, true, false)),
+            (r#"{"type":"plastic"}"#, (false, true, false)),
+            (r#"{"type":"plastic","roughness":0.1}"#, (false, false, false)),
+            (r#"{"type":"metallic_roughness","roughness":0}"#, (true, true, false)),
+            (r#"{"type":"phong"}"#, (false, false, false)),
+        ] {
+            let m = of(json);
+            assert_eq!((m.is_delta(), m.has_delta(), m.is_transmissive()), facts, "{json}");
+        }
+        let mask = of(r#"{"type":"diffuse","opacity":0.25}"#);
+        assert!(mask.has_opacity() && mask.opacity(CENTRE) == 0.25);
+        assert!(!of(r#"{"type":"diffuse","opacity":1}"#).has_opacity());
+    }
+
+    #[test]
+    fn a_normal_map_tilts_the_frame_along_the_texture() {
+        // 45 degrees towards u.
+        let tilt = 0.5 + 0.5 * std::f32::consts::FRAC_1_SQRT_2;
+        let files = picture(vec![[tilt, 0.5, tilt, 1.0]]);
+        let m = compile(r#"{"type":"diffuse","normal_map":{"file":"p.png"}}"#, &files).unwrap();
+        let frame = m.frame(CENTRE, Vec3::Z, Vec3::Y * 3.0, Vec3::NEG_X * 3.0);
+        let expected = Vec3::new(0.0, 1.0, 1.0).normalize();
+        assert!((frame.n - expected).length() < 1e-5, "{:?}", frame.n);
+        assert!((frame.t.cross(frame.b) - frame.n).length() < 1e-5);
+        assert!(frame.t.dot(Vec3::Y) > 0.7 && frame.n.dot(frame.t).abs() < 1e-6);
+        // Green is up: along +v, also where the texture is mirrored.
+        let files = picture(vec![[0.5, tilt, tilt, 1.0]]);
+        let m = compile(r#"{"type":"diffuse","normal_map":{"file":"p.png","scale":1}}"#, &files).unwrap();
+        for dpdv in [Vec3::NEG_X, Vec3::X] {
+            let n = m.frame(CENTRE, Vec3::Z, Vec3::Y, dpdv).n;
+            assert!((n - (dpdv + Vec3::Z).normalize()).length() < 1e-5, "{n}");
+        }
+        // No tilt, no tangents, and a map that points nowhere leave the normal.
+        for (pixel, n) in
+            [([0.5, 0.5, 1.0, 1.0], Vec3::Z), ([0.5, 0.5, 0.5, 1.0], Vec3::Y), ([1.0, 0.5, 0.0, 1.0], Vec3::X)]
+        {
+            let files = picture(vec![pixel]);
+            let m = compile(r#"{"type":"diffuse","normal_map":{"file":"p.png"}}"#, &files).unwrap();
+            let frame = m.frame(CENTRE, n, Vec3::ZERO, Vec3::ZERO);
+            assert!((frame.n - n).length() < 1e-6 && frame.t.is_finite());
+        }
+    }
+
+    #[test]
+    fn a_bsdf_stays_small() {
+        assert!(size_of::<Bsdf>() <= 160, "{}", size_of::<Bsdf>());
+    }
 }

@@ -46,12 +46,40 @@ fn mean(nodes: &[f32; NODES]) -> f32 {
     (2.0 * sum) as f32
 }
 
+/// A function of a cosine, between its values at nodes that are dense at grazing angles.
+#[derive(Debug, Clone, Copy)]
+pub struct ByCosine {
+    nodes: [f32; NODES],
+}
+
+impl ByCosine {
+    /// Of the values of `f`.
+    #[must_use]
+    pub fn new(f: impl Fn(f32) -> f32) -> Self {
+        Self { nodes: std::array::from_fn(|i| f(cosine(i))) }
+    }
+
+    /// The value at a cosine.
+    #[inline]
+    #[must_use]
+    pub fn at(&self, cos: f32) -> f32 {
+        let (i, t) = place(cos);
+        self.nodes[i] + (self.nodes[i + 1] - self.nodes[i]) * t
+    }
+}
+
+/// Centres of a fixed grid over the unit square.
+pub(super) fn grid() -> impl Iterator<Item = Vec2> {
+    (0..GRID * GRID).map(|i| Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32)
+}
+
+/// Points of [`grid`] along each side.
+const GRID: usize = 32;
+
 /// Directional albedo of GGX facets with reflectance `f` of the facet's cosine, at `wo`.
 fn albedo<const N: usize>(ggx: &Ggx, wo: Vec3, f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
-    const GRID: usize = 32;
     let mut sum = [0.0f64; N];
-    for i in 0..GRID * GRID {
-        let u = Vec2::new((i % GRID) as f32 + 0.5, (i / GRID) as f32 + 0.5) / GRID as f32;
+    for u in grid() {
         let m = ggx.sample_visible(wo, u);
         let cos = wo.dot(m).clamp(0.0, 1.0);
         let wi = m * (2.0 * cos) - wo;
@@ -66,7 +94,7 @@ fn albedo<const N: usize>(ggx: &Ggx, wo: Vec3, f: impl Fn(f32) -> [f32; N]) -> [
 }
 
 /// A direction at this cosine; the smallest stands for 0.
-fn direction(cos: f32, azimuth: [f32; 2]) -> Vec3 {
+pub(super) fn direction(cos: f32, azimuth: [f32; 2]) -> Vec3 {
     let z = cos.max(1e-4);
     let r = (1.0 - z * z).max(0.0).sqrt();
     Vec3::new(r * azimuth[0], r * azimuth[1], z)
@@ -75,7 +103,7 @@ fn direction(cos: f32, azimuth: [f32; 2]) -> Vec3 {
 /// T by cosine, for one coat.
 #[derive(Debug, Clone, Copy)]
 pub struct Transmittance {
-    nodes: [f32; NODES],
+    by_cosine: ByCosine,
     mean: f32,
 }
 
@@ -86,25 +114,24 @@ impl Transmittance {
     pub fn new(ggx: Option<&Ggx>, f: impl Fn(f32) -> f32) -> Self {
         const AZIMUTHS: [[f32; 2]; 3] =
             [[1.0, 0.0], [0.0, 1.0], [std::f32::consts::FRAC_1_SQRT_2, std::f32::consts::FRAC_1_SQRT_2]];
-        let nodes = std::array::from_fn(|i| {
+        let by_cosine = ByCosine::new(|cos| {
             let e = match ggx {
-                None => f(cosine(i)),
+                None => f(cos),
                 Some(ggx) => AZIMUTHS
                     .iter()
-                    .map(|&azimuth| albedo(ggx, direction(cosine(i), azimuth), |cos| [f(cos)])[0])
+                    .map(|&azimuth| albedo(ggx, direction(cos, azimuth), |cos| [f(cos)])[0])
                     .fold(0.0, f32::max),
             };
             (1.0 - e).clamp(0.0, 1.0)
         });
-        Self { nodes, mean: mean(&nodes) }
+        Self { by_cosine, mean: mean(&by_cosine.nodes) }
     }
 
     /// T at a cosine.
     #[inline]
     #[must_use]
     pub fn at(&self, cos: f32) -> f32 {
-        let (i, t) = place(cos);
-        self.nodes[i] + (self.nodes[i + 1] - self.nodes[i]) * t
+        self.by_cosine.at(cos)
     }
 
     /// 2 times the integral of T cos over the cosine: the share of diffuse light that passes.

@@ -12,11 +12,11 @@ mod phong;
 mod plastic;
 mod rough_dielectric;
 
-pub use coat::{SchlickCoat, SplitSum, Transmittance};
+pub use coat::{ByCosine, SchlickCoat, SplitSum, Transmittance};
 pub use conductor::{Metal, Reflectivity, RoughConductor, SmoothConductor};
 pub use dielectric::SmoothDielectric;
 pub use diffuse::{Diffuse, Mirror};
-pub use phong::{BlinnMicrofacet, BlinnPhong, GREATEST_EXPONENT, Phong};
+pub use phong::{BlinnFacets, BlinnMicrofacet, BlinnPhong, GREATEST_EXPONENT, Phong};
 pub use plastic::{MetallicRoughness, Plastic, PlasticCoat};
 pub use rough_dielectric::RoughDielectric;
 
@@ -209,21 +209,26 @@ impl Bsdf {
         }
     }
 
-    /// Colour of the surface as a denoiser wants it, 0 to 1.
+    /// Colour of the surface as a denoiser wants it, 0 to 1: about its albedo under light from everywhere,
+    /// the tint of glass. Black only where nothing is scattered.
     #[must_use]
     pub fn albedo(&self) -> Rgb {
+        // Schlick's term averaged over the hemisphere.
+        let facets = |f0: Rgb| (f0 * 20.0 + Rgb::ONE) / 21.0;
         match &self.lobes {
             Lobes::Diffuse(lobe) => lobe.reflectance,
             Lobes::Mirror(lobe) => lobe.reflectance,
-            Lobes::SmoothDielectric(lobe) => lobe.transmittance,
-            Lobes::RoughDielectric(lobe) => lobe.transmittance,
+            Lobes::SmoothDielectric(lobe) => lobe.reflectance.max(lobe.transmittance),
+            Lobes::RoughDielectric(lobe) => lobe.reflectance.max(lobe.transmittance),
             Lobes::SmoothConductor(lobe) => lobe.metal.reflectance(1.0),
             Lobes::RoughConductor(lobe) => lobe.metal.reflectance(1.0),
-            Lobes::Plastic(lobe) => lobe.reflectance,
+            Lobes::Plastic(lobe) => lobe.albedo(),
             Lobes::Phong(lobe) => lobe.reflectance,
-            Lobes::BlinnPhong(lobe) => lobe.reflectance,
-            Lobes::BlinnMicrofacet(lobe) => lobe.reflectance,
-            Lobes::MetallicRoughness(lobe) => (lobe.f0 + lobe.diffuse).min(Rgb::ONE),
+            Lobes::BlinnPhong(lobe) => facets(lobe.reflectance),
+            Lobes::BlinnMicrofacet(lobe) => facets(lobe.reflectance),
+            Lobes::MetallicRoughness(lobe) => {
+                (facets(lobe.f0) + lobe.diffuse * lobe.coat.mean()).clamp(Rgb::ZERO, Rgb::ONE)
+            }
         }
     }
 }

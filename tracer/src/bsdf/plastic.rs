@@ -84,6 +84,13 @@ impl Plastic {
         self.layers().sample(wo, u_lobe, u)
     }
 
+    /// Share of light from everywhere that comes back.
+    pub(super) fn albedo(&self) -> Rgb {
+        let (rho, PlasticCoat { internal, transmittance, .. }) = (self.reflectance, &self.coat);
+        let base = rho * (1.0 - internal) / (Rgb::ONE - rho * *internal).max(Rgb::splat(1e-6));
+        (Rgb::splat(1.0 - transmittance.mean()) + base * transmittance.mean()).clamp(Rgb::ZERO, Rgb::ONE)
+    }
+
     /// Whether nothing but a mirror-like coat is left.
     pub(super) fn is_delta(&self) -> bool {
         self.coat.ggx.is_none() && self.reflectance == Rgb::ZERO

@@ -4,8 +4,6 @@
 mod chi_square;
 mod directions;
 
-// The first test of a sampler makes this superfluous.
-#[allow(unused_imports)]
 pub(crate) use chi_square::{ChiSquare, chi_square};
 pub(crate) use directions::Directions;
 
