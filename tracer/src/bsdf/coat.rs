@@ -162,16 +162,12 @@ impl SplitSum {
             let row = |row: usize| {
                 let roughness = row as f32 / (ROWS - 1) as f32;
                 let ggx = Ggx::new(roughness * roughness, roughness * roughness);
-                let mut nodes = [[0.0; NODES]; 2];
-                for i in 0..NODES {
-                    let pair = |cos: f32| [1.0, schlick_weight(cos)];
-                    let [a, b] = match &ggx {
-                        None => pair(cosine(i)),
-                        Some(ggx) => albedo(ggx, direction(cosine(i), [1.0, 0.0]), pair),
-                    };
-                    (nodes[0][i], nodes[1][i]) = (a, b);
-                }
-                nodes
+                let pair = |cos: f32| [1.0, schlick_weight(cos)];
+                let pairs: [[f32; 2]; NODES] = std::array::from_fn(|i| match &ggx {
+                    None => pair(cosine(i)),
+                    Some(ggx) => albedo(ggx, direction(cosine(i), [1.0, 0.0]), pair),
+                });
+                [0, 1].map(|j| pairs.map(|pair| pair[j]))
             };
             let rows: Vec<_> = (0..ROWS).map(row).collect();
             let means = rows.iter().map(|[a, b]| [mean(a), mean(b)]).collect();

@@ -56,7 +56,7 @@ impl Phong {
     pub(super) fn evaluate(&self, wo: Vec3, wi: Vec3) -> Eval {
         let r = reflect(wo);
         let cos = r.dot(wi);
-        if !(cos > 0.0) {
+        if cos.is_nan() || cos <= 0.0 {
             return Eval::ZERO;
         }
         let sin2 = r.cross(wi).length_squared();
@@ -67,7 +67,7 @@ impl Phong {
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, u: Vec2) -> Option<BsdfSample> {
         let wi = Frame::from_normal(reflect(wo)).to_world(sample_power(self.exponent, u));
-        if !(wi.z > 0.0) {
+        if wi.z.is_nan() || wi.z <= 0.0 {
             return None;
         }
         let pdf = self.evaluate(wo, wi).pdf;
@@ -148,7 +148,7 @@ impl BlinnFacets {
         let sin = (w.x * w.x + w.y * w.y).sqrt();
         // a = scale cos / sin.
         let scale = (0.5 * self.exponent + 1.0).sqrt();
-        if !(scale * w.z < 1.6 * sin) {
+        if scale * w.z >= 1.6 * sin {
             return 1.0 / w.z;
         }
         let a = scale * w.z / sin;

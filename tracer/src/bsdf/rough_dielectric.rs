@@ -49,8 +49,7 @@ impl RoughDielectric {
 
     #[inline]
     pub(super) fn evaluate(&self, wo: Vec3, wi: Vec3) -> Eval {
-        // Also false for a NaN.
-        if !(wo.z.abs() > 0.0 && wi.z.abs() > 0.0) {
+        if wo.z == 0.0 || wi.z == 0.0 || (wo.z * wi.z).is_nan() {
             return Eval::ZERO;
         }
         let (eta, wo, wi) = self.upright(wo, wi);
@@ -65,7 +64,7 @@ impl RoughDielectric {
         }
         let sum = wo + wi * eta;
         let length = sum.length();
-        if !(length > 1e-15) {
+        if length.is_nan() || length <= 1e-15 {
             return Eval::ZERO;
         }
         // The facet's normal lies on the rarer side.
@@ -88,14 +87,14 @@ impl RoughDielectric {
 
     #[inline]
     pub(super) fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
-        if !(wo.z.abs() > 0.0) {
+        if wo.z == 0.0 || wo.z.is_nan() {
             return None;
         }
         let below = wo.z < 0.0;
         let (eta, wo, _) = self.upright(wo, wo);
         let m = self.ggx.sample_visible(wo, u);
         let cos_o = wo.dot(m).min(1.0);
-        if !(cos_o > 0.0) {
+        if cos_o.is_nan() || cos_o <= 0.0 {
             return None;
         }
         let split = fresnel::split(self.fresnel, cos_o, eta);
