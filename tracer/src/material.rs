@@ -63,7 +63,7 @@ impl Material {
             MaterialKind::Diffuse(m) => Kind::Diffuse { reflectance: texture("reflectance", &m.reflectance)? },
             MaterialKind::Mirror(m) => Kind::Mirror { reflectance: texture("reflectance", &m.reflectance)? },
             MaterialKind::Dielectric(m) => {
-                let eta = (m.ior / m.exterior_ior) as f32;
+                let eta = relative_index(m.ior / m.exterior_ior);
                 Kind::Dielectric {
                     eta,
                     ggx: RoughDielectric::facets(alphas(m.roughness), eta),
@@ -75,7 +75,7 @@ impl Material {
             MaterialKind::Conductor(m) => {
                 let index = match (m.metal, m.eta, m.k) {
                     (Some(metal), _, _) => Some(metals::index(metal)),
-                    (None, Some(eta), Some(k)) => Some(ComplexIndex { eta: rgb(&eta), k: rgb(&k) }),
+                    (None, Some(eta), Some(k)) => Some(ComplexIndex { eta: complex_part(&eta), k: complex_part(&k) }),
                     _ => None,
                 };
                 let [alpha_u, alpha_v] = alphas(m.roughness);
@@ -91,7 +91,7 @@ impl Material {
             }
             MaterialKind::Plastic(m) => Kind::Plastic {
                 reflectance: texture("reflectance", &m.reflectance)?,
-                coat: Box::new(PlasticCoat::new(m.ior as f32, alphas(m.roughness), fresnel)),
+                coat: Box::new(PlasticCoat::new(relative_index(m.ior), alphas(m.roughness), fresnel)),
             },
             MaterialKind::Phong(m) => {
                 Kind::Phong { reflectance: texture("reflectance", &m.reflectance)?, exponent: exponent(m.exponent) }
@@ -108,7 +108,7 @@ impl Material {
                 base_color: texture("base_color", &m.base_color)?,
                 metallic: texture("metallic", &m.metallic)?,
                 roughness: texture("roughness", &m.roughness)?,
-                f0: normal_reflectance(m.ior as f32),
+                f0: normal_reflectance(relative_index(m.ior)),
                 tables: SplitSum::get(),
             },
         };
@@ -271,6 +271,16 @@ impl Material {
 
 fn alphas(roughness: scene::Roughness) -> [f32; 2] {
     roughness.alphas().map(|alpha| alpha as f32)
+}
+
+/// An index of refraction within what f32 can square without overflow; beyond lies nothing but a mirror.
+fn relative_index(value: f64) -> f32 {
+    value.clamp(1e-4, 1e4) as f32
+}
+
+/// The same for a part of a complex one.
+fn complex_part(value: &scene::Rgb) -> Vec3 {
+    rgb(value).min(Vec3::splat(1e6))
 }
 
 fn exponent(value: f64) -> f32 {

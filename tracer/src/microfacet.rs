@@ -52,21 +52,19 @@ impl Ggx {
         (x * x + y * y + w.z * w.z).sqrt()
     }
 
-    /// G2 / (4 |cos_o cos_i|), height-correlated (Heitz 2014, equation 99).
+    /// G2 / (4 |cos_o|), height-correlated (Heitz 2014, equation 99): f |cos_i| is this times F D.
     #[inline]
     #[must_use]
     pub fn visibility(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let (zo, zi) = (wo.z.abs(), wi.z.abs());
-        0.5 / (zi * self.stretched(wo) + zo * self.stretched(wi))
+        0.5 / (self.stretched(wo) + self.stretched(wi) * (wo.z / wi.z).abs())
     }
 
     /// G2 / G1(wo): the weight of a visible normal, 0 to 1.
     #[inline]
     #[must_use]
     pub fn shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let (zo, zi) = (wo.z.abs(), wi.z.abs());
         let lo = self.stretched(wo);
-        zi * (zo + lo) / (zi * lo + zo * self.stretched(wi))
+        (wo.z.abs() + lo) / (lo + self.stretched(wi) * (wo.z / wi.z).abs())
     }
 
     /// Density of visible normals over wo . m: G1(wo) D(m) / |cos_o|.

@@ -78,7 +78,7 @@ impl RoughConductor {
 #[inline]
 pub(super) fn facets_evaluate(ggx: &Ggx, wo: Vec3, wi: Vec3, f: impl Fn(f32) -> Rgb) -> Eval {
     let Some((m, cos)) = half_vector(wo, wi) else { return Eval::ZERO };
-    let f_cos = f(cos.min(1.0)) * (ggx.d(m) * ggx.visibility(wo, wi) * wi.z);
+    let f_cos = f(cos.min(1.0)) * (ggx.d(m) * ggx.visibility(wo, wi));
     Eval { f_cos, pdf: 0.25 * ggx.visible_density(wo, m) }
 }
 

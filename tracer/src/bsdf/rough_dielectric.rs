@@ -59,7 +59,7 @@ impl RoughDielectric {
             let Some(chance) = reflection_chance(split.reflected, self.reflectance, self.transmittance) else {
                 return Eval::ZERO;
             };
-            let f_cos = self.reflectance * (split.reflected * self.ggx.d(m) * self.ggx.visibility(wo, wi) * wi.z);
+            let f_cos = self.reflectance * (split.reflected * self.ggx.d(m) * self.ggx.visibility(wo, wi));
             return Eval { f_cos, pdf: 0.25 * chance * self.ggx.visible_density(wo, m) };
         }
         let sum = wo + wi * eta;
@@ -81,7 +81,7 @@ impl RoughDielectric {
         let spread = -cos_i / (length * length);
         let transmitted = (1.0 - split.reflected) * 4.0 * self.ggx.d(m) * self.ggx.visibility(wo, wi) * cos_o * spread;
         // Density of m to density of wi brings eta^2; radiance on the other side takes it away again.
-        let f_cos = self.transmittance * (transmitted * wi.z.abs());
+        let f_cos = self.transmittance * transmitted;
         Eval { f_cos, pdf: (1.0 - chance) * self.ggx.visible_density(wo, m) * cos_o * eta * eta * spread }
     }
 

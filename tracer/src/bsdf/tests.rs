@@ -63,6 +63,32 @@ const CATALOGUE: &[&str] = &[
     r#"{"type":"metallic_roughness","base_color":1,"metallic":0.5,"roughness":0}"#,
 ];
 
+/// What a scene file may say, however little sense it makes.
+const HOSTILE: &[&str] = &[
+    r#"{"type":"dielectric","ior":1e300,"exterior_ior":1e-300}"#,
+    r#"{"type":"dielectric","ior":1e-300,"roughness":1}"#,
+    r#"{"type":"dielectric","ior":1e300,"roughness":[1e-300,0.001]}"#,
+    r#"{"type":"dielectric","ior":1.0000001,"roughness":1}"#,
+    r#"{"type":"dielectric","reflectance":0,"transmittance":0,"roughness":0.5}"#,
+    r#"{"type":"dielectric","reflectance":0,"transmittance":0}"#,
+    r#"{"type":"dielectric","reflectance":1,"transmittance":0,"roughness":0.5}"#,
+    r#"{"type":"conductor","eta":0,"k":0,"roughness":0.1}"#,
+    r#"{"type":"conductor","eta":1,"k":0,"roughness":0.1}"#,
+    r#"{"type":"conductor","eta":1e300,"k":1e300}"#,
+    r#"{"type":"conductor","eta":1e-30,"k":1e30,"roughness":0.001}"#,
+    r#"{"type":"plastic","reflectance":1,"ior":0.5}"#,
+    r#"{"type":"plastic","reflectance":1,"ior":0.5,"roughness":0.4}"#,
+    r#"{"type":"plastic","reflectance":1,"ior":1e300}"#,
+    r#"{"type":"plastic","reflectance":1,"ior":1e-300}"#,
+    r#"{"type":"plastic","reflectance":1,"ior":1}"#,
+    r#"{"type":"plastic","reflectance":0,"ior":1,"roughness":1}"#,
+    r#"{"type":"phong","reflectance":1,"exponent":1e300}"#,
+    r#"{"type":"blinn_phong","reflectance":1,"exponent":1e300}"#,
+    r#"{"type":"blinn_microfacet","reflectance":0,"exponent":1e300}"#,
+    r#"{"type":"metallic_roughness","ior":1e300,"roughness":0.03163,"metallic":0}"#,
+    r#"{"type":"metallic_roughness","ior":1,"base_color":0}"#,
+];
+
 /// Mean weight of a sampler over a grid of its random numbers: the directional albedo. With `eta`, what
 /// radiance gains or loses by refraction is taken out.
 fn albedo(bsdf: &Bsdf, wo: Vec3) -> glam::DVec3 {
@@ -303,12 +329,14 @@ fn scattering_is_reciprocal() {
 #[test]
 fn nothing_reflects_more_than_it_receives() {
     for fresnel in [Fresnel::Exact, Fresnel::Schlick] {
-        for json in CATALOGUE {
+        for json in CATALOGUE.iter().chain(HOSTILE) {
             let bsdf = bsdf_by(json, fresnel);
             for theta in [0.0, 20.0, 45.0, 60.0, 75.0, 85.0, 89.0, 89.9] {
                 for wo in [at(theta), turned(at(theta), 0.25), at(theta) * Vec3::new(1.0, 1.0, -1.0)] {
                     let albedo = albedo(&bsdf, wo);
-                    assert!(albedo.max_element() < 1.0 + 3e-3, "{json} {fresnel:?} {theta}: {albedo}");
+                    // What a coat below an index of 1 lets through has a kink that its table rounds.
+                    let bound = if HOSTILE.contains(json) { 0.02 } else { 3e-3 };
+                    assert!(albedo.max_element() < 1.0 + bound, "{json} {fresnel:?} {theta}: {albedo}");
                 }
             }
         }
@@ -407,26 +435,27 @@ fn direction() -> impl Strategy<Value = Vec3> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(4000))]
+    #![proptest_config(ProptestConfig::with_cases(10_000))]
     #[test]
     fn numbers_stay_finite(
-        which in 0..CATALOGUE.len(), wo in direction(), wi in direction(), opposite in any::<bool>(),
+        which in 0..CATALOGUE.len() + HOSTILE.len(), wo in direction(), wi in direction(), opposite in any::<bool>(),
         u_lobe in unit(), x in unit(), y in unit(),
     ) {
-        thread_local!(static BSDFS: Vec<Bsdf> = CATALOGUE.iter().map(|json| bsdf(json)).collect());
+        thread_local!(static BSDFS: Vec<Bsdf> = CATALOGUE.iter().chain(HOSTILE).map(|json| bsdf(json)).collect());
+        let json = CATALOGUE.iter().chain(HOSTILE).nth(which).unwrap_or(&"");
         let bsdf = BSDFS.with(|all| all[which]);
         let wi = if opposite { Vec3::new(-wo.x, -wo.y, wo.z) } else { wi };
         let eval = bsdf.evaluate(wo, wi);
-        prop_assert!(eval.f_cos.is_finite() && eval.f_cos.min_element() >= 0.0, "{} {eval:?}", CATALOGUE[which]);
-        prop_assert!(eval.pdf.is_finite() && eval.pdf >= 0.0, "{} {eval:?}", CATALOGUE[which]);
+        prop_assert!(eval.f_cos.is_finite() && eval.f_cos.min_element() >= 0.0, "{} {eval:?}", json);
+        prop_assert!(eval.pdf.is_finite() && eval.pdf >= 0.0, "{} {eval:?}", json);
         if let Some(sample) = bsdf.sample(wo, u_lobe, Vec2::new(x, y)) {
             prop_assert!(sample.wi.is_finite() && (sample.wi.length() - 1.0).abs() < 1e-4, "{sample:?}");
             prop_assert!(sample.weight.is_finite() && sample.weight.min_element() >= 0.0, "{sample:?}");
-            prop_assert!(sample.pdf.is_finite() && (sample.pdf > 0.0) != sample.delta, "{} {sample:?}", CATALOGUE[which]);
+            prop_assert!(sample.pdf.is_finite() && (sample.pdf > 0.0) != sample.delta, "{} {sample:?}", json);
             prop_assert!(sample.eta.is_finite() && sample.eta > 0.0);
             let back = bsdf.evaluate(wo, sample.wi);
             prop_assert!(back.f_cos.is_finite() && back.pdf.is_finite(), "{back:?}");
-            prop_assert!(sample.delta || back.pdf > 0.0, "{} {wo} {sample:?} {back:?}", CATALOGUE[which]);
+            prop_assert!(sample.delta || back.pdf > 0.0, "{} {wo} {sample:?} {back:?}", json);
         }
         prop_assert!(bsdf.albedo().min_element() >= 0.0 && bsdf.albedo().max_element() <= 1.0);
     }
