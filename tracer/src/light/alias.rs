@@ -75,11 +75,11 @@ impl AliasTable {
     #[inline]
     #[must_use]
     pub fn pick(&self, u: f64) -> Option<(u32, f32, f64)> {
-        if self.bins.is_empty() {
-            return None;
+        if self.bins.len() <= 1 {
+            return self.bins.first().map(|bin| (0, bin.probability, u));
         }
         let scaled = u * self.bins.len() as f64;
-        let index = (scaled as usize).min(self.bins.len() - 1);
+        let index = (scaled as u32 as usize).min(self.bins.len() - 1);
         let within = (scaled - index as f64).min(1.0 - f64::EPSILON);
         let bin = self.bins[index];
         let (choice, rest) = if within < bin.own {
@@ -105,13 +105,12 @@ impl AliasTable {
 #[inline]
 #[must_use]
 pub fn lengthen(pick: f32, u: Vec2) -> f64 {
-    const STEPS: f64 = 16_777_216.0;
-    let step = (f64::from(pick) * STEPS).floor().clamp(0.0, STEPS - 1.0);
+    let step = ((pick * 16_777_216.0) as i32).clamp(0, 0x00ff_ffff) as i64;
     // The finisher of SplitMix64 (Steele, Lea and Flood 2014).
     let mut hash =
         (u64::from(u.x.to_bits()) << 32 | u64::from(u.y.to_bits())) ^ u64::from(pick.to_bits()).rotate_left(17);
     hash = (hash ^ (hash >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     hash = (hash ^ (hash >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     hash ^= hash >> 31;
-    (step + (hash >> 35) as f64 / 536_870_912.0) / STEPS
+    (step << 29 | (hash >> 35) as i64) as f64 * (1.0 / 9_007_199_254_740_992.0)
 }

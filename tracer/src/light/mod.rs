@@ -11,6 +11,7 @@ mod cone;
 mod delta;
 mod emitter;
 mod environment;
+mod lanes;
 mod sphere_cone;
 mod spherical_rectangle;
 mod spherical_triangle;

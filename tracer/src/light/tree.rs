@@ -1,22 +1,26 @@
 //! Choosing one of many lights for a place: a walk down a tree of bounds.
 //!
 //! After Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (2018),
-//! without the splitting. At every node one of the two children is taken with probability in proportion to
-//! how much it may matter: its intensity, over the square of its distance, times cosines at both ends, each
-//! at its largest within the child's bounds. Sampling and evaluating walk the same way with the same
-//! function, so both find the same probability to the bit.
+//! without the splitting. At every node one of four children is taken with probability in proportion to how
+//! much it may matter: its intensity, over the square of its distance, times cosines at both ends, each at
+//! its largest within the child's bounds. Sampling and evaluating walk the same way with the same function,
+//! so both find the same probability to the bit. The tree is built with two children a node and every other
+//! level is then left out; four children lie side by side in memory and are weighed at once.
 //!
 //! Distances are clamped to the radius of the bounds; both are lengths and enter squared, so the unit that
 //! a scene is measured in cancels. (A clamp that compares a square with a length, as is often written,
 //! makes the choice depend on that unit: `textbook::mixed_importance`.)
 
-use super::cone::Cone;
-use crate::math::{DVec3, Vec3, safe_sqrt};
+use super::{cone::Cone, lanes::Lanes};
+use crate::math::{DVec3, Vec3};
 
 /// Bins a range of centroids is sorted into, each axis.
 const BINS: usize = 12;
 /// From this depth on nodes are halved, which bounds the depth by this and the bits of a count.
 const DEEPEST_CHOICE: u32 = 32;
+
+/// Keeps a light at the very point finite; a tree is about 1 long.
+const LEAST_DISTANCE2: f32 = 1e-24;
 
 /// What the tree knows of a light.
 #[derive(Debug, Clone, Copy)]
@@ -61,30 +65,35 @@ impl LightBounds {
 #[derive(Debug, Clone)]
 pub(super) struct LightTree {
     nodes: Vec<Node>,
-    /// For every light the turns from the root to it, first turn in the lowest bit: 1 is right.
+    /// For every light the turns from the root to it, two bits each, the first lowest.
     trails: Vec<u64>,
     /// Lengths are multiplied by this power of 2, so that the tree is about 1 long.
     scale: f32,
 }
 
-/// 48 bytes. A left child follows its parent.
+/// Children of a node.
+const WIDTH: usize = 4;
+/// Marks the index of a child that is a light.
+const LEAF: u32 = 1 << 31;
+
+/// Four children, a lane each. Those that are missing have no intensity.
 #[derive(Debug, Clone, Copy)]
 struct Node {
-    center: Vec3,
-    radius2: f32,
-    axis: Vec3,
-    cos_spread: f32,
-    sin_spread: f32,
+    center: [Lanes; 3],
+    radius2: Lanes,
+    axis: [Lanes; 3],
+    cos_spread: Lanes,
+    sin_spread: Lanes,
     /// Share of the intensity of all.
-    intensity: f32,
-    two_sided: bool,
-    is_leaf: bool,
-    /// The light of a leaf; else the right child.
-    index: u32,
+    intensity: Lanes,
+    /// Bits of a cosine to keep: without its sign where both sides shine.
+    sides: [u32; WIDTH],
+    /// A node, or with [`LEAF`] a light.
+    index: [u32; WIDTH],
 }
 
 impl LightTree {
-    /// A tree over these lights; `None` where there are none.
+    /// A tree over these lights, fewer than 2^31 of them; `None` where there are none.
     pub(super) fn new(lights: &[LightBounds]) -> Option<Self> {
         let whole = lights.iter().copied().reduce(LightBounds::union)?;
         let size = (whole.high - whole.low).max_element();
@@ -93,7 +102,7 @@ impl LightTree {
         let mut builder = Builder {
             lights,
             total: whole.intensity.max(f64::MIN_POSITIVE),
-            tree: Self { nodes: Vec::with_capacity(2 * lights.len() - 1), trails: vec![0; lights.len()], scale },
+            tree: Self { nodes: Vec::new(), trails: vec![0; lights.len()], scale },
         };
         let mut order: Vec<u32> = (0..lights.len() as u32).collect();
         builder.build(&mut order, 0, 0);
@@ -108,22 +117,21 @@ impl LightTree {
         let (mut at, mut probability) = (0, 1.0);
         loop {
             let node = &self.nodes[at];
-            if node.is_leaf {
-                return Some((node.index, probability));
+            let shares = node.shares(p, n)?;
+            let share = shares.map(f64::from);
+            let edges = [0.0, share[0], share[0] + share[1], share[0] + share[1] + share[2]];
+            let mut chosen = edges[1..].iter().map(|&edge| usize::from(u >= edge)).sum::<usize>();
+            if shares[chosen] == 0.0 {
+                // The shares add up to 1 but for rounding, which is the last one's.
+                chosen = shares.iter().rposition(|&share| share > 0.0)?;
             }
-            let (left, right) = (at + 1, node.index as usize);
-            let left_share = share(self.nodes[left].importance(p, n), self.nodes[right].importance(p, n))?;
-            let edge = f64::from(left_share);
-            if u < edge {
-                u /= edge;
-                probability *= left_share;
-                at = left;
-            } else {
-                u = (u - edge) / (1.0 - edge);
-                probability *= 1.0 - left_share;
-                at = right;
+            probability *= shares[chosen];
+            u = ((u - edges[chosen]) / share[chosen]).min(1.0 - f64::EPSILON);
+            let index = node.index[chosen];
+            if index & LEAF != 0 {
+                return Some((index & !LEAF, probability));
             }
-            u = u.min(1.0 - f64::EPSILON);
+            at = index as usize;
         }
     }
 
@@ -133,33 +141,18 @@ impl LightTree {
         let p = p * self.scale;
         let mut trail = self.trails[light as usize];
         let (mut at, mut probability) = (0, 1.0);
-        while !self.nodes[at].is_leaf {
-            let (left, right) = (at + 1, self.nodes[at].index as usize);
-            let left_share = share(self.nodes[left].importance(p, n), self.nodes[right].importance(p, n));
-            let Some(left_share) = left_share else { return 0.0 };
-            if trail & 1 == 0 {
-                probability *= left_share;
-                at = left;
-            } else {
-                probability *= 1.0 - left_share;
-                at = right;
+        loop {
+            let node = &self.nodes[at];
+            let Some(shares) = node.shares(p, n) else { return 0.0 };
+            let lane = (trail & 3) as usize;
+            trail >>= 2;
+            probability *= shares[lane];
+            let index = node.index[lane];
+            if index & LEAF != 0 || probability == 0.0 {
+                return probability;
             }
-            trail >>= 1;
+            at = index as usize;
         }
-        probability
-    }
-}
-
-/// Probability of the left of two children; `None` where neither matters. Neither of two that matter gets
-/// none.
-#[inline]
-fn share(left: f32, right: f32) -> Option<f32> {
-    const LEAST: f32 = f32::EPSILON;
-    match (left > 0.0, right > 0.0) {
-        (true, true) => Some((left / (left + right)).clamp(LEAST, 1.0 - LEAST)),
-        (true, false) => Some(1.0),
-        (false, true) => Some(0.0),
-        (false, false) => None,
     }
 }
 
@@ -168,46 +161,74 @@ fn share(left: f32, right: f32) -> Option<f32> {
 #[inline]
 #[must_use]
 pub fn group_importance(intensity: f32, distance2: f32, radius2: f32) -> f32 {
-    // The last clamp keeps a light at the very point finite; a tree is about 1 long.
-    intensity / distance2.max(radius2).max(1e-24)
+    intensity / distance2.max(radius2).max(LEAST_DISTANCE2)
 }
 
 impl Node {
-    /// How much the lights below may matter at `p`: section 4.2 and equation 3. Not below 0, and finite.
+    const EMPTY: Self = Self {
+        center: [Lanes::ZERO; 3],
+        radius2: Lanes::ZERO,
+        axis: [Lanes::ZERO; 3],
+        cos_spread: Lanes::ZERO,
+        sin_spread: Lanes::ZERO,
+        intensity: Lanes::ZERO,
+        sides: [u32::MAX; WIDTH],
+        index: [LEAF; WIDTH],
+    };
+
+    /// Probabilities of the children; `None` where none of them matters. None that matters gets none.
     #[inline]
-    fn importance(&self, p: Vec3, n: Vec3) -> f32 {
-        let to = self.center - p;
-        let distance2 = to.length_squared();
-        let importance = group_importance(self.intensity, distance2, self.radius2);
-        if distance2 <= self.radius2 {
-            // Inside the bounding sphere light may come from anywhere.
-            return importance;
+    fn shares(&self, p: Vec3, n: Vec3) -> Option<[f32; WIDTH]> {
+        let importance = self.importance(p, n);
+        let sum = importance.sum();
+        if !(sum > 0.0 && sum < f32::INFINITY) {
+            return None;
         }
-        let wi = to / distance2.sqrt();
+        // No share is so small that the walk's arithmetic could lose it.
+        let floor = Lanes::all(sum * f32::EPSILON);
+        let kept = Lanes::ZERO.at_least(importance, Lanes::ZERO, importance.max(floor));
+        Some((kept * Lanes::all(1.0 / kept.sum())).0)
+    }
+
+    /// How much the lights below each child may matter at `p`: section 4.2 and equation 3. Not below 0.
+    #[inline(always)]
+    fn importance(&self, p: Vec3, n: Vec3) -> Lanes {
+        let one = Lanes::all(1.0);
+        let x = self.center[0] - Lanes::all(p.x);
+        let y = self.center[1] - Lanes::all(p.y);
+        let z = self.center[2] - Lanes::all(p.z);
+        let distance2 = x * x + y * y + z * z;
+        let least = self.radius2.max(Lanes::all(LEAST_DISTANCE2));
+        let inverse2 = distance2.max(least).reciprocal();
+        let inverse = inverse2.sqrt();
         // Half angle of the cone around the bounding sphere.
-        let sin2_bounds = self.radius2 / distance2;
-        let (sin_bounds, cos_bounds) = (sin2_bounds.sqrt(), (1.0 - sin2_bounds).sqrt());
-        let cos_axis = -wi.dot(self.axis);
-        let cos_axis = if self.two_sided { cos_axis.abs() } else { cos_axis };
-        let (sin, cos) = shrink(safe_sqrt(1.0 - cos_axis * cos_axis), cos_axis, self.sin_spread, self.cos_spread);
-        let (_, cos_light) = shrink(sin, cos, sin_bounds, cos_bounds);
-        let mut importance = importance * cos_light.max(0.0);
+        let sin2_bounds = self.radius2 * inverse2;
+        let bounds = (sin2_bounds.sqrt(), sine(sin2_bounds));
+        let cos_axis = -(x * self.axis[0] + y * self.axis[1] + z * self.axis[2]) * inverse;
+        let cos_axis = cos_axis.keep_bits(self.sides);
+        let facing = shrink((sine(cos_axis * cos_axis), cos_axis), (self.sin_spread, self.cos_spread));
+        let mut cosines = shrink(facing, bounds).1.max(Lanes::ZERO);
         if n != Vec3::ZERO {
-            let cos_surface = wi.dot(n);
-            let (_, cos) = shrink(safe_sqrt(1.0 - cos_surface * cos_surface), cos_surface, sin_bounds, cos_bounds);
-            importance *= cos.max(0.0);
+            let cos = (x * Lanes::all(n.x) + y * Lanes::all(n.y) + z * Lanes::all(n.z)) * inverse;
+            cosines = cosines * shrink((sine(cos * cos), cos), bounds).1.max(Lanes::ZERO);
         }
-        importance
+        // Inside the bounding sphere light may come from anywhere.
+        let cosines = least.at_least(distance2, one, cosines);
+        self.intensity * inverse2 * cosines
     }
 }
 
+/// Sine from the square of the cosine, or the other way round.
+#[inline(always)]
+fn sine(cos2: Lanes) -> Lanes {
+    (Lanes::all(1.0) - cos2).max(Lanes::ZERO).sqrt()
+}
+
 /// Sine and cosine of max(0, a - b), both angles within 0 to pi.
-#[inline]
-fn shrink(sin_a: f32, cos_a: f32, sin_b: f32, cos_b: f32) -> (f32, f32) {
-    if cos_a >= cos_b {
-        return (0.0, 1.0);
-    }
-    (sin_a * cos_b - cos_a * sin_b, cos_a * cos_b + sin_a * sin_b)
+#[inline(always)]
+fn shrink((sin_a, cos_a): (Lanes, Lanes), (sin_b, cos_b): (Lanes, Lanes)) -> (Lanes, Lanes) {
+    let (sin, cos) = (sin_a * cos_b - cos_a * sin_b, cos_a * cos_b + sin_a * sin_b);
+    (cos_a.at_least(cos_b, Lanes::ZERO, sin), cos_a.at_least(cos_b, Lanes::all(1.0), cos))
 }
 
 struct Builder<'a> {
@@ -217,46 +238,66 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Build the node over the lights in `order`, `depth` turns down the trail `trail`.
-    fn build(&mut self, order: &mut [u32], depth: u32, trail: u64) -> LightBounds {
+    /// Build the node over the lights in `order`, `depth` turns of the trail down, and give its number.
+    fn build(&mut self, order: &mut [u32], depth: u32, trail: u64) -> u32 {
         let at = self.tree.nodes.len();
-        if let [light] = *order {
-            let bounds = self.lights[light as usize];
-            self.tree.nodes.push(self.node(&bounds, true, light));
-            self.tree.trails[light as usize] = trail;
-            return bounds;
+        // Its place comes before its children's; what it says comes after theirs is known.
+        self.tree.nodes.push(Node::EMPTY);
+        let mut node = Node::EMPTY;
+        let mut lane = 0;
+        let (left, right) = self.halves(order, 2 * depth);
+        for half in [left, right] {
+            let (left, right) = self.halves(half, 2 * depth + 1);
+            for part in [left, right] {
+                if part.is_empty() {
+                    continue;
+                }
+                let trail = trail | (lane as u64) << (2 * depth);
+                let index = if let [light] = *part {
+                    self.tree.trails[light as usize] = trail;
+                    LEAF | light
+                } else {
+                    self.build(part, depth + 1, trail)
+                };
+                self.fill(&mut node, lane, part, index);
+                lane += 1;
+            }
+        }
+        self.tree.nodes[at] = node;
+        at as u32
+    }
+
+    /// The two halves of a node with two children, `depth` such nodes down; of a single light, it alone.
+    fn halves<'o>(&self, order: &'o mut [u32], depth: u32) -> (&'o mut [u32], &'o mut [u32]) {
+        if order.len() <= 1 {
+            return (order, &mut []);
         }
         let middle = if depth < DEEPEST_CHOICE { self.split(order) } else { None }.unwrap_or_else(|| {
             order.sort_unstable();
             order.len() / 2
         });
-        // Its place comes before its children's; what it says comes after theirs is known.
-        self.tree.nodes.push(self.node(&self.lights[order[0] as usize], false, 0));
-        let (left, right) = order.split_at_mut(middle);
-        let left = self.build(left, depth + 1, trail);
-        let right_at = self.tree.nodes.len() as u32;
-        let right = self.build(right, depth + 1, trail | 1 << depth);
-        let bounds = left.union(right);
-        self.tree.nodes[at] = self.node(&bounds, false, right_at);
-        bounds
+        order.split_at_mut(middle)
     }
 
-    fn node(&self, bounds: &LightBounds, is_leaf: bool, index: u32) -> Node {
+    /// Write the bounds of the lights in `part` to a lane.
+    fn fill(&self, node: &mut Node, lane: usize, part: &[u32], index: u32) {
+        let all = part.iter().map(|&light| self.lights[light as usize]).reduce(LightBounds::union);
+        let Some(bounds) = all else { return };
         let scale = f64::from(self.tree.scale);
         let half: DVec3 = (bounds.high.as_dvec3() - bounds.low.as_dvec3()) * (0.5 * scale);
         let spread = f64::from(bounds.cone.spread);
-        Node {
-            center: bounds.center() * self.tree.scale,
-            // A little more: the centre is rounded.
-            radius2: (half.length_squared() * (1.0 + 1e-6)) as f32,
-            axis: bounds.cone.axis,
-            cos_spread: libm::cos(spread) as f32,
-            sin_spread: libm::sin(spread) as f32,
-            intensity: (bounds.intensity / self.total) as f32,
-            two_sided: bounds.two_sided,
-            is_leaf,
-            index,
+        let center = bounds.center() * self.tree.scale;
+        for axis in 0..3 {
+            node.center[axis].0[lane] = center[axis];
+            node.axis[axis].0[lane] = bounds.cone.axis[axis];
         }
+        // A little more: the centre is rounded.
+        node.radius2.0[lane] = (half.length_squared() * (1.0 + 1e-6)) as f32;
+        node.cos_spread.0[lane] = libm::cos(spread) as f32;
+        node.sin_spread.0[lane] = libm::sin(spread) as f32;
+        node.intensity.0[lane] = (bounds.intensity / self.total) as f32;
+        node.sides[lane] = if bounds.two_sided { !(1 << 31) } else { u32::MAX };
+        node.index[lane] = index;
     }
 
     /// Sort `order` into the two parts that cost least together, and give the size of the first; `None`
