@@ -6,11 +6,17 @@
 //! for each row a chart and a CSV, and one page with the table of all; a bound that does not hold makes
 //! the command fail.
 
+mod microfacet;
+mod offsets;
 mod page;
 mod random;
 mod schlick;
+mod shapes;
+mod slabs;
 mod statistics;
 mod stopping;
+mod trees;
+mod triangles;
 
 use anyhow::{Context, Result, bail};
 use plot::{Chart, Table};
@@ -73,7 +79,20 @@ impl Outcome {
 }
 
 /// Every row, in the order of the page.
-pub const ROWS: &[Row] = &[schlick::ANGLE, schlick::INDEX, statistics::VARIANCE, stopping::STOPPING, statistics::SUMS];
+pub const ROWS: &[Row] = &[
+    triangles::LEAKS,
+    slabs::SLABS,
+    trees::BUILD,
+    offsets::SCALE,
+    offsets::GAP,
+    schlick::ANGLE,
+    schlick::INDEX,
+    schlick::METALS,
+    microfacet::GGX,
+    statistics::VARIANCE,
+    stopping::STOPPING,
+    statistics::SUMS,
+];
 
 /// What to run and where to put it.
 #[derive(Debug, Clone)]

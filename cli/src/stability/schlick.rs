@@ -1,7 +1,8 @@
-//! Schlick's approximation against Fresnel's equations.
+//! Schlick's approximation against Fresnel's equations, for dielectrics and metals.
 
 use super::{Effort, Outcome, Row, worst};
 use common::method::Fresnel;
+use common::scene::Metal;
 use plot::{Axis, Chart, Guide, Series, Style, Table};
 use tracer::fresnel;
 
@@ -23,6 +24,16 @@ pub(super) const INDEX: Row = Row {
             both for indices near 1 and for high ones.",
     instead: "Fresnel's equations themselves.",
     measure: by_index,
+};
+
+/// Metals, error against the angle.
+pub(super) const METALS: Row = Row {
+    id: "schlick-metals",
+    title: "Schlick's reflectance of metals, by angle",
+    fails: "A metal's reflectance dips before it rises to 1 at grazing; the polynomial only rises, and for metals \
+            that absorb weakly, such as chromium, it is far too high there.",
+    instead: "Fresnel's equations for a complex index of refraction, per channel.",
+    measure: metals,
 };
 
 /// Absolute error that single precision may add. The curve is vertical at the critical angle, where one
@@ -138,6 +149,75 @@ fn by_index(_: Effort) -> Outcome {
                 Series::new("Schlick, leaving", Style::Curve, theirs_out),
             ],
             guides: vec![Guide::Level { y: BOUND, label: "bound".into() }],
+            notes: vec![],
+        },
+        table,
+    }
+}
+
+/// Reflectance of a conductor in air by Fresnel's equations in f64, with the index as a complex number:
+/// unlike the form in real numbers that rendering uses.
+fn exact_metal(cos: f64, eta: f64, k: f64) -> f64 {
+    // Complex numbers as pairs.
+    let mul = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
+    let norm = |a: (f64, f64)| a.0 * a.0 + a.1 * a.1;
+    let index2 = mul((eta, k), (eta, k));
+    let (re, im) = (index2.0 - (1.0 - cos * cos), index2.1);
+    // Square root with positive parts: index times the cosine inside.
+    let length = re.hypot(im);
+    let inside = ((0.5 * (length + re)).max(0.0).sqrt(), (0.5 * (length - re)).max(0.0).sqrt());
+    let s = norm((cos - inside.0, -inside.1)) / norm((cos + inside.0, inside.1));
+    let dense = (index2.0 * cos, index2.1 * cos);
+    let p = norm((dense.0 - inside.0, dense.1 - inside.1)) / norm((dense.0 + inside.0, dense.1 + inside.1));
+    0.5 * (s + p)
+}
+
+fn metals(_: Effort) -> Outcome {
+    let mut table = Table::new(["metal", "angle_degrees", "channel", "ours_error", "schlick_error"]);
+    let mut ours = Vec::new();
+    let mut series = Vec::new();
+    let all = [Metal::Au, Metal::Ag, Metal::Cu, Metal::Al, Metal::Cr];
+    let mut ours_at = vec![0.0f64; 361];
+    let mut textbook = 0.0;
+    for metal in all {
+        let name = format!("{metal:?}");
+        let index = fresnel::metals::index(metal);
+        let f0 = index.reflectance(1.0);
+        let mut curve = Vec::new();
+        for (i, mine) in ours_at.iter_mut().enumerate() {
+            let angle = i as f64 * 0.25;
+            let cos = angle.to_radians().cos().max(0.0) as f32;
+            let (exactly, schlick) = (index.reflectance(cos), fresnel::schlick_rgb(f0, cos));
+            let mut most = 0.0;
+            for channel in 0..3 {
+                let truth = exact_metal(cos.into(), index.eta[channel].into(), index.k[channel].into());
+                let [a, b] = [exactly, schlick].map(|found| (f64::from(found[channel]) - truth).abs());
+                if i % 4 == 0 {
+                    let cells = [name.clone(), angle.to_string(), channel.to_string(), a.to_string(), b.to_string()];
+                    table.push(cells);
+                }
+                *mine = worst([*mine, a]);
+                most = worst([most, b]);
+            }
+            curve.push((angle, most));
+        }
+        textbook = worst(curve.iter().map(|p| p.1).chain([textbook]));
+        series.push(Series::new(format!("Schlick, {name}"), Style::Curve, curve));
+    }
+    ours.extend(ours_at.iter().enumerate().map(|(i, e)| (i as f64 * 0.25, e.max(1e-9))));
+    series.insert(0, Series::new("ours, worst of the five", Style::Curve, ours));
+    let bound = 2e-6;
+    Outcome {
+        textbook,
+        ours: worst(ours_at),
+        bound,
+        figure: "absolute error of the reflectance, worst channel",
+        chart: Chart {
+            title: "Reflectance of metals against the angle of incidence".into(),
+            x: Axis::linear("angle of incidence", "degrees").between(0.0, 90.0),
+            y: Axis::log("absolute error, worst channel", "").between(1e-9, 2.0),
+            series,
+            guides: vec![Guide::Level { y: bound, label: "bound".into() }],
             notes: vec![],
         },
         table,
