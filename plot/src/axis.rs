@@ -85,7 +85,8 @@ fn linear(low: f64, high: f64, labels: f64) -> Ruler {
 /// `low` and `high` are decimal exponents.
 fn logarithmic(low: f64, high: f64, labels: f64) -> Ruler {
     let decades = high - low;
-    let every = (decades / labels).ceil().max(1.0) as i64;
+    let least = decades / labels;
+    let every = [1, 2, 3, 5, 10, 20, 50].into_iter().find(|e| f64::from(*e) >= least).map_or(100, i64::from);
     let (first, last) = (ceil(low), floor(high));
     let inside = |v: f64| (low..=high).contains(&v.log10());
     let mut major: Vec<f64> = (first..=last).filter(|e| e % every == 0).map(power).collect();

@@ -15,12 +15,12 @@ impl Table {
         Self { columns: columns.into_iter().map(Into::into).collect(), rows: Vec::new() }
     }
 
-    /// Adds a row, one cell a column. Numbers are written so that reading gives the same number back.
+    /// Adds a row, one cell a column.
     ///
     /// # Panics
     /// If there are more or fewer cells than columns.
-    pub fn push<S: ToString>(&mut self, cells: impl IntoIterator<Item = S>) {
-        let cells: Vec<String> = cells.into_iter().map(|cell| cell.to_string()).collect();
+    pub fn push(&mut self, cells: impl IntoIterator<Item = Cell>) {
+        let cells: Vec<String> = cells.into_iter().map(|cell| cell.0).collect();
         assert_eq!(cells.len(), self.columns.len(), "a row has one cell a column");
         self.rows.push(cells);
     }
@@ -62,3 +62,27 @@ impl Table {
         out
     }
 }
+
+/// What stands in one place of a table: words as they are, numbers to seven significant digits.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cell(String);
+
+impl From<f64> for Cell {
+    fn from(v: f64) -> Self {
+        let rounded: f64 = format!("{v:.6e}").parse().unwrap_or(v);
+        let plain = rounded == 0.0 || (1e-4..1e7).contains(&rounded.abs()) || !rounded.is_finite();
+        Self(if plain { format!("{rounded}") } else { format!("{rounded:e}") })
+    }
+}
+
+macro_rules! as_written {
+    ($($ty:ty),+) => {$(
+        impl From<$ty> for Cell {
+            fn from(v: $ty) -> Self {
+                Self(v.to_string())
+            }
+        }
+    )+};
+}
+
+as_written!(&str, String, i32, u32, usize);

@@ -12,7 +12,7 @@ mod draw;
 mod layout;
 mod marks;
 
-pub use csv::Table;
+pub use csv::{Cell, Table};
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};

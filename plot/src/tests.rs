@@ -119,11 +119,9 @@ fn legend_and_notes_stay_below_the_plot_area_and_inside_the_picture() {
 #[test]
 fn a_table_reads_back() {
     let mut table = Table::new(["x", "what, then"]);
-    table.push(["0.1", "say \"no\""]);
-    table.push([1.0 / 3.0, 1e-30]);
-    assert_eq!(
-        table.csv(),
-        "x,\"what, then\"\n0.1,\"say \"\"no\"\"\"\n0.3333333333333333,0.000000000000000000000000000001\n"
-    );
-    assert_eq!((table.len(), table.is_empty(), table.columns().len()), (2, false, 2));
+    table.push([0.1.into(), "say \"no\"".into()]);
+    table.push([1.0 / 3.0, 1e-30].map(Cell::from));
+    table.push([Cell::from(70_000usize), f64::INFINITY.into()]);
+    assert_eq!(table.csv(), "x,\"what, then\"\n0.1,\"say \"\"no\"\"\"\n0.3333333,1e-30\n70000,inf\n");
+    assert_eq!((table.len(), table.is_empty(), table.columns().len()), (3, false, 2));
 }

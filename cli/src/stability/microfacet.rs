@@ -48,8 +48,8 @@ fn ggx(_: Effort) -> Outcome {
                 most[0] = worst([most[0], textbook]);
                 most[1] = worst([most[1], mine.unwrap_or(0.0)]);
                 if turn == 0.0 {
-                    let mine = mine.map_or_else(|| "delta".to_string(), |e| e.to_string());
-                    table.push([alpha.to_string(), slope.to_string(), textbook.to_string(), mine]);
+                    let mine = mine.map_or_else(|| "delta".into(), Into::into);
+                    table.push([f64::from(alpha).into(), f64::from(slope).into(), textbook.into(), mine]);
                 }
             }
         }

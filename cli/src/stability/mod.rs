@@ -6,6 +6,7 @@
 //! for each row a chart and a CSV, and one page with the table of all; a bound that does not hold makes
 //! the command fail.
 
+mod lights;
 mod microfacet;
 mod offsets;
 mod page;
@@ -17,10 +18,10 @@ mod statistics;
 mod stopping;
 mod trees;
 mod triangles;
+mod weights;
 
-use anyhow::{Context, Result, bail};
 use plot::{Chart, Table};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How much work a row may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,10 +86,17 @@ pub const ROWS: &[Row] = &[
     trees::BUILD,
     offsets::SCALE,
     offsets::GAP,
+    lights::TRIANGLE,
+    lights::RECTANGLE,
+    lights::SPHERE,
     schlick::ANGLE,
     schlick::INDEX,
     schlick::METALS,
     microfacet::GGX,
+    weights::MIS,
+    weights::ROULETTE,
+    weights::ROULETTE_GLASS,
+    lights::CHOICE,
     statistics::VARIANCE,
     stopping::STOPPING,
     statistics::SUMS,
@@ -160,41 +168,54 @@ fn finite(v: f64) -> serde_json::Value {
     serde_json::Number::from_f64(v).map_or_else(|| format!("{v}").into(), Into::into)
 }
 
+/// Why rows could not be run.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// No row has this name.
+    #[error("--only {0}: no such row; expected one of {1}")]
+    NoSuchRow(String, String),
+    /// A file or folder cannot be written.
+    #[error("{}: cannot be written: {error}", path.display())]
+    Write {
+        /// Its path.
+        path: PathBuf,
+        /// What the system says.
+        error: std::io::Error,
+    },
+}
+
 /// Runs those of `rows` that the options name, and writes charts, CSVs and the page.
 ///
 /// # Errors
 /// When no row has the name asked for, or a file cannot be written.
-pub fn run(rows: &[Row], options: &Options) -> Result<Report> {
+pub fn run(rows: &[Row], options: &Options) -> Result<Report, Error> {
     let chosen = choose(rows, &options.only)?;
-    std::fs::create_dir_all(&options.out)
-        .with_context(|| format!("cannot make the folder {}", options.out.display()))?;
+    let unwritten = |path: &Path, error| Error::Write { path: path.to_path_buf(), error };
+    std::fs::create_dir_all(&options.out).map_err(|error| unwritten(&options.out, error))?;
+    let write = |path: &Path, bytes: &[u8]| std::fs::write(path, bytes).map_err(|error| unwritten(path, error));
     let mut report = Report { rows: Vec::new() };
     for row in chosen {
         let outcome = (row.measure)(options.effort);
         let file = |extension: &str| options.out.join(format!("{}.{extension}", row.id));
-        write(file("svg"), plot::svg(&outcome.chart).as_bytes())?;
-        write(file("png"), &plot::png(&outcome.chart))?;
-        write(file("csv"), outcome.table.csv().as_bytes())?;
+        write(&file("svg"), plot::svg(&outcome.chart).as_bytes())?;
+        write(&file("png"), &plot::png(&outcome.chart))?;
+        write(&file("csv"), outcome.table.csv().as_bytes())?;
         report.rows.push((row, outcome));
     }
     let page = options.page.clone().unwrap_or_else(|| options.out.join("README.md"));
-    write(page.clone(), page::page(&report, &page::way(&page, &options.out)).as_bytes())?;
+    write(&page, page::page(&report, &page::way(&page, &options.out)).as_bytes())?;
     Ok(report)
 }
 
-fn choose(rows: &[Row], only: &[String]) -> Result<Vec<Row>> {
+fn choose(rows: &[Row], only: &[String]) -> Result<Vec<Row>, Error> {
     for name in only {
         if !rows.iter().any(|row| row.id.starts_with(name.as_str())) {
             let ids: Vec<&str> = rows.iter().map(|row| row.id).collect();
-            bail!("--only {name}: no such row; expected one of {}", ids.join(", "));
+            return Err(Error::NoSuchRow(name.clone(), ids.join(", ")));
         }
     }
     let wanted = |row: &Row| only.is_empty() || only.iter().any(|name| row.id.starts_with(name.as_str()));
     Ok(rows.iter().copied().filter(wanted).collect())
-}
-
-fn write(path: PathBuf, bytes: &[u8]) -> Result<()> {
-    std::fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// `count` values from `low` to `high`, both included, in equal ratios.

@@ -54,7 +54,7 @@ fn scale(effort: Effort) -> Outcome {
             curves[k].push((factor, ours));
             curves[2 + k].push((factor, theirs));
             let scene = if moved { "moved" } else { "scaled" };
-            table.push([scene.to_string(), factor.to_string(), rays.to_string(), theirs.to_string(), ours.to_string()]);
+            table.push([scene.into(), factor.into(), rays.into(), theirs.into(), ours.into()]);
         }
     }
     let [ours_scaled, ours_moved, theirs_scaled, theirs_moved] = curves;
@@ -139,7 +139,7 @@ fn gap(effort: Effort) -> Outcome {
             let [theirs, ours] = [theirs, ours].map(|missed| f64::from(missed) / f64::from(rays));
             curves[k].push((gap, ours));
             curves[2 + k].push((gap, theirs));
-            table.push([name.to_string(), gap.to_string(), rays.to_string(), theirs.to_string(), ours.to_string()]);
+            table.push([name.into(), gap.into(), rays.into(), theirs.into(), ours.into()]);
         }
     }
     let missed = |curves: [&Vec<(f64, f64)>; 2]| {
@@ -221,6 +221,8 @@ impl Pair {
 
     /// Whether a ray up meets nothing, the lower surface, or the far side of the upper one.
     fn misses(&self, ray: &Ray) -> bool {
-        self.accel.closest(ray, &mut Counters::default()).is_none_or(|hit| self.is_lower(&hit) || hit.t > 10.0 * self.gap)
+        self.accel
+            .closest(ray, &mut Counters::default())
+            .is_none_or(|hit| self.is_lower(&hit) || hit.t > 10.0 * self.gap)
     }
 }

@@ -12,7 +12,7 @@ pub(super) fn page(report: &Report, charts: &str) -> String {
          Each row takes one method to the place where its textbook form fails, and puts the form that Tessera\n\
          renders with beside it. Errors are against a reference in double precision or in closed form; the\n\
          figures are each form's worst over the sweep. `tessera stability` makes this page anew and exits with 1\n\
-         where a bound does not hold; CI runs it with `--quick`.\n\n\
+         where a bound does not hold; the tests run every row in small (`--quick`).\n\n\
          | Method | Figure | Textbook | Ours | Bound |\n|---|---|---:|---:|---:|\n",
     );
     for (row, o) in &report.rows {
@@ -25,7 +25,7 @@ pub(super) fn page(report: &Report, charts: &str) -> String {
     for (row, _) in &report.rows {
         let _ = write!(
             out,
-            "\n<a id=\"{id}\"></a>\n## {title}\n\n{fails} {instead}\n\n![{title}: textbook form and ours]({charts}{id}.svg)\n\n[CSV]({charts}{id}.csv)\n",
+            "\n<a id=\"{id}\"></a>\n## {title}\n\n**Textbook.** {fails}\n\n**Ours.** {instead}\n\n![{title}: textbook form and ours]({charts}{id}.svg)\n\n[CSV]({charts}{id}.csv)\n",
             id = row.id,
             title = row.title,
             fails = row.fails,

@@ -45,8 +45,7 @@ fn slabs(_: Effort) -> Outcome {
             names.push(format!("{name}, {kind}"));
             theirs.push((at, share(counts[1])));
             ours.push((at, share(counts[2])));
-            let [hits, textbook, mine] = counts.map(|c| c.to_string());
-            table.push([name.to_string(), kind.to_string(), hits, textbook, mine]);
+            table.push([name.into(), kind.into(), counts[0].into(), counts[1].into(), counts[2].into()]);
         }
     }
     Outcome {

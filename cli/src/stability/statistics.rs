@@ -56,7 +56,7 @@ fn variance(effort: Effort) -> Outcome {
             theirs += (estimate / truth - 1.0).abs() / f64::from(trials);
             not_positive += f64::from(u8::from(estimate <= 0.0)) / f64::from(trials);
         }
-        table.push([spread, theirs, not_positive, mine, most]);
+        table.push([spread, theirs, not_positive, mine, most].map(Into::into));
         ours_worst = worst([ours_worst, most]);
         ours.push((spread, mine));
         textbook.push((spread, theirs));
@@ -133,7 +133,7 @@ fn sums(_: Effort) -> Outcome {
                 error(our_units.mean[0], 1.0),
                 error(our_uniform.mean[0], mean),
             ];
-            table.push([n, errors[0], errors[1], errors[2], errors[3]]);
+            table.push([n, errors[0], errors[1], errors[2], errors[3]].map(Into::into));
             for (curve, e) in curves.iter_mut().zip(errors) {
                 curve.push((n, e));
             }

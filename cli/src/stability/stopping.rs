@@ -67,13 +67,7 @@ fn stopping(effort: Effort) -> Outcome {
             let coverage = ends.iter().filter(|e| (e.mean - 1.0).abs() <= e.half_width).count() as f64 / count;
             let samples: f64 = ends.iter().map(|e| e.samples).sum();
             let mean = ends.iter().map(|e| e.mean).sum::<f64>() / count;
-            table.push([
-                name.to_string(),
-                rule.to_string(),
-                coverage.to_string(),
-                mean.to_string(),
-                (samples / count).to_string(),
-            ]);
+            table.push([name.into(), rule.into(), coverage.into(), mean.into(), (samples / count).into()]);
             bars.push((place as f64, coverage));
         }
     }

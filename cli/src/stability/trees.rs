@@ -62,12 +62,12 @@ fn build(effort: Effort) -> Outcome {
         let stats = accel.stats();
         let wrong = wrong_answers(&accel, &triangles, effort.of(200, 60));
         table.push([
-            name.clone(),
-            triangles.len().to_string(),
-            theirs.to_string(),
-            stats.depth.to_string(),
-            stats.dropped.to_string(),
-            wrong.to_string(),
+            name.clone().into(),
+            triangles.len().into(),
+            theirs.into(),
+            stats.depth.into(),
+            stats.dropped.into(),
+            wrong.into(),
         ]);
         names.push(name);
         // A tree that gives wrong answers has no depth that would do.

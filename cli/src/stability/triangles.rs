@@ -60,8 +60,7 @@ fn leaks(effort: Effort) -> Outcome {
             ours.push((at, per_100k[0]));
             textbook.push((at, per_100k[1]));
             let centre = format!("{} {} {}", center.x, center.y, center.z);
-            let [ours, textbook] = lost.map(|lost| lost.to_string());
-            table.push([centre, name.to_string(), rays.to_string(), textbook, ours]);
+            table.push([centre.into(), name.into(), rays.into(), lost[1].into(), lost[0].into()]);
         }
     }
     Outcome {

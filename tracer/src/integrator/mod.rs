@@ -32,7 +32,7 @@ use crate::{
 };
 
 pub use probe::{End, Probe, Vertex};
-use roulette::survival;
+pub use roulette::survival;
 
 /// What one sample found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -353,7 +353,8 @@ impl<'a> Integrator<'a> {
 /// Weight of a sample of density `a` beside another way of density `b` (Veach 1995, exponent 2), by their
 /// ratio: squares of large densities overflow, and the usual form then gives 0 or NaN.
 #[inline]
-fn power_heuristic(a: f32, b: f32) -> f32 {
+#[must_use]
+pub fn power_heuristic(a: f32, b: f32) -> f32 {
     if !(a > 0.0) {
         return 0.0;
     }

@@ -12,7 +12,8 @@ const FIRST: u32 = 3;
 /// Never above 1, and never below what the throughput has left: dividing by it brings the throughput to 1 at
 /// most, so no path grows brighter than it began.
 #[inline]
-pub(super) fn survival(rule: Roulette, depth: u32, throughput: Rgb) -> Option<f32> {
+#[must_use]
+pub fn survival(rule: Roulette, depth: u32, throughput: Rgb) -> Option<f32> {
     match rule {
         Roulette::Off => None,
         Roulette::Fixed => Some(FIXED_ROULETTE_SURVIVAL),
