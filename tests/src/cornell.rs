@@ -3,7 +3,11 @@
 //! Cornell University Program of Computer Graphics, "Cornell Box Data": reflectances of the three paints every
 //! 4 nm from 400 to 700 nm, and the lamp's emission at four wavelengths, linear between them. A colour is the
 //! spectrum weighted with the CIE 1931 colour matching functions, taken to linear Rec. 709, with each channel
-//! divided by that of an equal-energy spectrum: a perfect white is 1, 1, 1.
+//! divided by that of an equal-energy spectrum: a perfect white is 1, 1, 1. The unit of the lamp's emission is
+//! open; scenes/cornell-box.json takes it [`EXPOSURE`] times, which shows the box as bright as it looks.
+
+/// What the lamp's published values are multiplied by.
+pub const EXPOSURE: f64 = 2.0;
 
 /// Wavelengths of the tables below: 400, 404, ... 700 nm.
 const SAMPLES: usize = 76;
@@ -46,7 +50,7 @@ pub fn colours() -> Vec<(&'static str, [f64; 3])> {
         let nm = wavelength(i);
         let next = LAMP.partition_point(|(at, _)| *at < nm).clamp(1, LAMP.len() - 1);
         let ((a, below), (b, above)) = (LAMP[next - 1], LAMP[next]);
-        below + (above - below) * (nm - a) / (b - a)
+        EXPOSURE * (below + (above - below) * (nm - a) / (b - a))
     });
     [("white", paint(&WHITE)), ("green", paint(&GREEN)), ("red", paint(&RED)), ("lamp", lamp)]
         .map(|(name, spectrum)| (name, colour(&spectrum)))

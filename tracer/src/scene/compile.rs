@@ -176,7 +176,8 @@ impl<'a> Compiler<'a> {
                 let (mut object, mut surfaces) = (Object::default(), Vec::new());
                 for (i, shape) in shapes.iter().enumerate() {
                     let path = format!("objects.{name}[{i}]");
-                    for (made, _) in self.make(&path, shape, shape.transform.affine(), Inherited::default())? {
+                    let own = Inherited { material: shape.material.as_deref(), emission: None };
+                    for (made, _) in self.make(&path, shape, shape.transform.affine(), own)? {
                         object.shapes.push(made.shape);
                         surfaces.push(made.surface);
                     }

@@ -1,0 +1,79 @@
+//! The tracer without the farm: a scene of scenes/ rendered in this process, uniformly sampled.
+
+use std::path::Path;
+
+use common::{
+    film::Moments,
+    job::JobId,
+    method::MethodChoices,
+    pass::{Work, batch_for},
+    protocol::{RenderSettings, Unit, UnitId},
+    scene::SceneFile,
+    tile::Rect,
+};
+use tracer::{Assets, Loaded, UnitRender};
+
+/// A picture of moments, rows from the top.
+pub struct Picture {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// One a pixel.
+    pub moments: Vec<Moments>,
+    /// Samples that were thrown away because they were not finite.
+    pub rejected: u64,
+    /// Rays traced.
+    pub rays: u64,
+}
+
+/// Read a scene file; its path is relative to scenes/.
+///
+/// # Panics
+/// Where the file is missing or wrong: this is for tests.
+#[must_use]
+pub fn scene(name: &str) -> SceneFile {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes").join(name);
+    let text = std::fs::read(&path).unwrap_or_else(|error| panic!("{name}: {error}"));
+    SceneFile::parse(&text).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// Render a scene with the method it asks for, changed by `choices`, on every core.
+///
+/// # Panics
+/// Where the scene cannot be rendered.
+#[must_use]
+pub fn render(name: &str, scene: &SceneFile, samples: u32, choices: MethodChoices) -> Picture {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes").join(name);
+    let folder = folder.parent().expect("a file has a folder");
+    let mut assets = Assets::default();
+    for (field, file) in scene.files() {
+        let bytes = std::fs::read(folder.join(&file)).unwrap_or_else(|error| panic!("{name}: {field}: {error}"));
+        let mesh = import::mesh(&file, &bytes, &mut |other| std::fs::read(folder.join(other)).ok());
+        assets.meshes.insert(file, mesh.unwrap_or_else(|error| panic!("{name}: {error}")).parts);
+    }
+    let method = choices.or(&scene.settings.method).resolve();
+    let (width, height) = (scene.film.width, scene.film.height);
+    let loaded = Loaded::new(scene, &assets, &method, [width, height]).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let prepared = loaded.build();
+    let settings = RenderSettings { frame: 1, resolution: [width, height], method, seed: 1, batch: batch_for(samples) };
+    let rect = Rect { x: 0, y: 0, w: width, h: height };
+    let id = UnitId { job: JobId(1), frame: 1, tile: 0, pass: 0, rect };
+    let unit = Unit { id, work: Work::Uniform { first: 0, samples }, features: false };
+    let render = UnitRender::new(&prepared, &settings, &unit);
+
+    let next = std::sync::atomic::AtomicU32::new(0);
+    let mut rows: Vec<(u32, tracer::RowResult)> = std::thread::scope(|scope| {
+        let work = || {
+            let take = || Some(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)).filter(|row| *row < height);
+            std::iter::from_fn(take).map(|row| (row, render.row(row))).collect::<Vec<_>>()
+        };
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        threads.into_iter().flat_map(|thread| thread.join().expect("a row panicked")).collect()
+    });
+    rows.sort_by_key(|(row, _)| *row);
+    let result = render.assemble(rows.into_iter().map(|(_, row)| row).collect());
+    let (rejected, rays) = (result.statistics.rejected, result.statistics.rays);
+    Picture { width, height, moments: result.film.moments, rejected, rays }
+}

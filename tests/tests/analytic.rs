@@ -1,0 +1,107 @@
+//! Scenes whose answer is known: what the tracer makes of scenes/analytic, held to the value that each file
+//! derives in its description.
+
+use common::{job::Quality, method::MethodChoices, scene::SceneFile};
+use tessera_tests::direct::{render, scene};
+
+/// Render a scene and compare: the mean of the image within `relative` of what its file expects, and every
+/// pixel within 6 of its own standard errors where the file speaks of every pixel.
+fn check(name: &str, samples: u32, relative: f64) {
+    let path = format!("analytic/{name}.json");
+    let scene = scene(&path);
+    let (_, answer) = scene.description.split_once("Expected: ").expect("an analytic scene says what is expected");
+    let (number, place) = answer.split_once(' ').unwrap();
+    let expected: f64 = number.parse().unwrap();
+
+    let picture = render(&path, &scene, samples, MethodChoices::default());
+    assert_eq!(picture.rejected, 0, "{name}: samples that are not finite");
+    let pixels = picture.moments.len() as f64;
+    let mean = picture.moments.iter().map(|pixel| pixel.luminance()).sum::<f64>() / pixels;
+    let variance: f64 = picture.moments.iter().filter_map(|pixel| pixel.variance_of_mean()).sum();
+    let error = variance.sqrt() / pixels;
+    let off = (mean - expected).abs();
+    assert!(off <= relative * expected, "{name}: {mean} +- {error} at {samples} samples, expected {expected}");
+    assert!(4.0 * error <= relative * expected, "{name}: {samples} samples are too few for a bound of {relative}");
+    assert!(off <= 4.5 * error + 1e-6 * expected, "{name}: {mean} is {} standard errors off", off / error);
+    if place.starts_with("in every pixel") {
+        for (i, pixel) in picture.moments.iter().enumerate() {
+            let bound = 6.0 * pixel.standard_error().unwrap() + 1e-5 * expected;
+            let off = (pixel.luminance() - expected).abs();
+            assert!(off <= bound, "{name}: pixel {i} is {}, expected {expected}", pixel.luminance());
+        }
+    }
+}
+
+#[test]
+fn furnaces() {
+    check("furnace-box", 1024, 0.002);
+    check("furnace-sphere", 1024, 0.005);
+    check("furnace-truncated", 1024, 0.001);
+}
+
+#[test]
+fn a_white_body_in_white_surroundings_cannot_be_seen() {
+    check("white-furnace", 256, 1e-5);
+}
+
+#[test]
+fn a_sphere_light_over_a_plane() {
+    check("sphere-light", 16_384, 0.005);
+}
+
+#[test]
+fn lamberts_polygon_in_full_view_and_behind_a_half_plane() {
+    check("polygon-light", 16_384, 0.001);
+    check("half-plane", 16_384, 0.001);
+}
+
+#[test]
+fn form_factors_of_a_cube() {
+    check("cube-opposite", 1024, 0.001);
+    check("cube-adjacent", 4096, 0.002);
+}
+
+#[test]
+fn without_light_there_is_no_light() {
+    check("black", 64, 0.0);
+}
+
+/// What the files ask for is what a user gets by rendering them: enough for the value to be recognised.
+#[test]
+fn the_files_ask_for_samples() {
+    for name in ["furnace-box", "furnace-sphere", "polygon-light", "half-plane", "sphere-light", "black"] {
+        let quality = scene(&format!("analytic/{name}.json")).settings.quality;
+        assert!(matches!(quality, Some(Quality::Samples { .. })), "{name}");
+    }
+}
+
+/// An object placed twice keeps the materials of its shapes: the same picture as with the shapes written out.
+#[test]
+fn instances_look_like_copies() {
+    let parse = |middle: &str| {
+        let text = format!(
+            r#"{{"tessera":1,"camera":{{"position":[0,0,6],"target":[0,0,0],"fov":40}},"film":{{"width":24,"height":16}},
+            "materials":{{"red":{{"type":"diffuse","reflectance":[0.8,0.1,0.05]}},"blue":{{"type":"diffuse","reflectance":[0.1,0.2,0.8]}}}},
+            {middle},"environment":{{"type":"constant","radiance":1}}}}"#
+        );
+        SceneFile::parse(text.as_bytes()).unwrap()
+    };
+    let tent = |material: &str, x: f64| {
+        format!(
+            r#"{{"type":"mesh","material":"{material}","positions":[[-0.5,-0.5,0],[0.5,-0.5,0],[0,0.5,0.5]],
+            "triangles":[[0,1,2]],"transform":[{{"translate":[{x},0,0]}}]}}"#
+        )
+    };
+    let group = |x: f64| format!("{},{}", tent("red", x - 0.6), tent("blue", x + 0.6));
+    let copies = parse(&format!(r#""shapes":[{},{}]"#, group(-1.25), group(1.25)));
+    let place = |x: f64| format!(r#"{{"type":"instance","object":"pair","transform":[{{"translate":[{x},0,0]}}]}}"#);
+    let instances =
+        parse(&format!(r#""objects":{{"pair":[{}]}},"shapes":[{},{}]"#, group(0.0), place(-1.25), place(1.25)));
+    let (copies, instances) =
+        [copies, instances].map(|scene| render("inline.json", &scene, 64, MethodChoices::default()).moments).into();
+    for (i, (a, b)) in copies.iter().zip(&instances).enumerate() {
+        for c in 0..3 {
+            assert!((a.mean[c] - b.mean[c]).abs() < 0.02, "pixel {i}: {:?} copied, {:?} placed", a.mean, b.mean);
+        }
+    }
+}
