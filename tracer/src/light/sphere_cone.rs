@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use crate::math::{DVec3, Frame, Vec2, Vec3, sin_cos_turns};
+use crate::math::{DVec3, Frame, Vec2, Vec3, gamma, sin_cos_turns};
 
 /// A sphere as seen from a reference point outside it.
 #[derive(Debug, Clone, Copy)]
@@ -17,13 +17,16 @@ pub(super) struct SphereCone {
 }
 
 impl SphereCone {
-    /// The sphere seen from `from`; `None` from inside.
+    /// The sphere seen from `from`; `None` from inside, and from so near that a point of the inside might have
+    /// been rounded there.
     #[inline]
     pub(super) fn new(center: Vec3, radius: f32, from: Vec3) -> Option<Self> {
         let axis = center.as_dvec3() - from.as_dvec3();
         let distance2 = axis.length_squared();
         let radius2 = f64::from(radius) * f64::from(radius);
-        if distance2 <= radius2 {
+        let rounding = f64::from(gamma(8) * (center.abs().max_element() + radius));
+        let inside = f64::from(radius) + rounding;
+        if distance2 <= inside * inside {
             return None;
         }
         let cos_edge = ((distance2 - radius2) / distance2).sqrt();
