@@ -42,12 +42,14 @@ pub struct Rule {
     confidence: f64,
     batch: u32,
     max_batches: u32,
+    /// Normal quantile that Student's goes to.
+    z: f64,
     quantiles: Vec<f64>,
 }
 
-/// Degrees of freedom up to which quantiles are tabled; beyond, the last one is used, which is the normal
-/// one to four digits.
-const TABLED: usize = 2048;
+/// Degrees of freedom up to which quantiles are tabled; beyond, the expansion about the normal one is good
+/// to five digits.
+const TABLED: u64 = 64;
 
 /// What the rule says of one pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +72,7 @@ impl Rule {
         let probability = normal_cdf(z);
         let quantiles = (1..=TABLED).map(|dof| student_quantile(probability, dof as f64)).collect();
         let max_batches = max_samples.div_ceil(batch.max(1)).max(1);
-        Self { relative_error, confidence, batch: batch.max(1), max_batches, quantiles }
+        Self { relative_error, confidence, batch: batch.max(1), max_batches, z, quantiles }
     }
 
     /// Most batches a pixel may get.
@@ -150,7 +152,10 @@ impl Rule {
     }
 
     fn quantile(&self, dof: u64) -> f64 {
-        self.quantiles[(dof as usize).clamp(1, TABLED) - 1]
+        match dof {
+            0..=TABLED => self.quantiles[dof.saturating_sub(1) as usize],
+            _ => student_quantile_near_normal(self.z, dof as f64),
+        }
     }
 }
 
@@ -181,6 +186,16 @@ pub fn student_quantile(probability: f64, dof: f64) -> f64 {
         let tail = 0.5 * incomplete_beta(dof / (dof + t * t), 0.5 * dof, 0.5);
         if t >= 0.0 { 1.0 - tail } else { tail }
     })
+}
+
+/// Student's quantile from the normal one `z`, for many degrees of freedom: the first terms of the
+/// expansion in 1/dof (Abramowitz and Stegun 26.7.5).
+fn student_quantile_near_normal(z: f64, dof: f64) -> f64 {
+    let z2 = z * z;
+    let g1 = (z2 + 1.0) * z / 4.0;
+    let g2 = ((5.0 * z2 + 16.0) * z2 + 3.0) * z / 96.0;
+    let g3 = (((3.0 * z2 + 19.0) * z2 + 17.0) * z2 - 15.0) * z / 384.0;
+    z + (g1 + (g2 + g3 / dof) / dof) / dof
 }
 
 /// Invert an increasing distribution function that is symmetric about 0, by bisection to the last bits.
@@ -239,10 +254,14 @@ mod tests {
         let normal = Normal::standard();
         for p in [0.6, 0.9, 0.975, 0.995, 0.9999] {
             assert!((normal_quantile(p) - normal.inverse_cdf(p)).abs() < 1e-8, "{p}");
-            for dof in [1.0, 2.0, 3.0, 7.0, 27.0, 400.0, 2048.0] {
+            for dof in [1.0, 2.0, 3.0, 7.0, 27.0, 65.0, 400.0, 2048.0] {
                 let expected = StudentsT::new(0.0, 1.0, dof).unwrap().inverse_cdf(p);
                 let found = student_quantile(p, dof);
                 assert!((found / expected - 1.0).abs() < 1e-6, "p {p} dof {dof}: {found} {expected}");
+                if dof > 64.0 {
+                    let near = student_quantile_near_normal(normal_quantile(p), dof);
+                    assert!((near / expected - 1.0).abs() < 1e-5, "p {p} dof {dof}: {near} {expected}");
+                }
             }
         }
     }
