@@ -10,9 +10,6 @@ mod facts;
 mod mesh;
 mod surface;
 
-#[cfg(test)]
-mod tests;
-
 use common::method::{self, Method};
 
 use crate::{

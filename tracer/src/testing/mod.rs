@@ -3,6 +3,9 @@
 
 mod chi_square;
 mod directions;
+mod image;
+
+pub use image::{Image, prepare, render, render_rect, settings};
 
 pub(crate) use chi_square::{ChiSquare, chi_square};
 pub(crate) use directions::Directions;

@@ -1,1 +1,135 @@
+use common::{method::Method, pass::Work, scene::SceneFile, tile::Rect};
+use serde_json::json;
 
+use crate::{
+    Assets,
+    math::Vec3,
+    testing::{prepare, render, render_rect, settings},
+};
+
+/// A lamp over a ball on a floor; the upper part of the image is void.
+fn scene() -> SceneFile {
+    let scene = json!({
+        "tessera": 1,
+        "camera": { "position": [0, 1, 6], "target": [0, 1, 0], "fov": 60, "lens_radius": 0.1 },
+        "film": { "width": 24, "height": 20, "filter": "gaussian" },
+        "shapes": [
+            { "type": "quad", "vertices": [[-3, 0, -3], [-3, 0, 3], [3, 0, 3], [3, 0, -3]] },
+            { "type": "sphere", "center": [0, 0.6, 0], "radius": 0.6 },
+            { "type": "disk", "center": [0, 3, 0], "normal": [0, -1, 0], "radius": 0.7, "emission": 5 }
+        ]
+    });
+    SceneFile::parse(scene.to_string().as_bytes()).unwrap()
+}
+
+#[test]
+fn any_split_of_pixels_and_samples_gives_the_same_bits() {
+    let scene = scene();
+    let prepared = prepare(&scene, &Method::default());
+    let settings = settings(&scene, &Method::default(), 16);
+    let frame = Rect::frame(24, 20);
+    let of = |rect, work| render_rect(&prepared, &settings, rect, work).film;
+    let whole = of(frame, Work::Uniform { first: 16, samples: 48 });
+    for rect in frame.split(50).into_iter().chain([Rect { x: 7, y: 3, w: 5, h: 9 }]) {
+        let part = of(rect, Work::Uniform { first: 16, samples: 48 });
+        for (i, (x, y)) in rect.pixels().enumerate() {
+            let j = (y * 24 + x) as usize;
+            assert_eq!((part.moments[i], part.features[i]), (whole.moments[j], whole.features[j]), "{rect}");
+        }
+    }
+    // The same samples as batches of each pixel; and a pixel that gets none is left as it is.
+    let pixels = frame.area();
+    let by_pixel =
+        Work::PerPixel { first: vec![1; pixels], batches: (0..pixels).map(|i| 3 * (i as u32 % 2)).collect() };
+    let by_pixel = of(frame, by_pixel);
+    for i in 0..pixels {
+        let expected = if i % 2 == 0 { Default::default() } else { whole.moments[i] };
+        assert_eq!(by_pixel.moments[i], expected);
+    }
+}
+
+#[test]
+fn a_short_last_batch_weighs_by_its_samples() {
+    let image = render(&scene(), &Method::default(), Work::Uniform { first: 0, samples: 37 }, 16);
+    assert!(image.film.moments.iter().all(|pixel| (pixel.samples, pixel.batches) == (37, 3)));
+}
+
+#[test]
+fn the_textbook_rule_stops_where_nothing_varies_and_goes_on_where_light_does() {
+    let work = Work::Textbook { batch: 32, tolerance: 0.05, max_samples: 320 };
+    let image = render(&scene(), &Method::default(), work, 16);
+    let counts: Vec<u32> = image.film.moments.iter().map(|pixel| pixel.samples).collect();
+    assert!(counts.iter().all(|n| n % 32 == 0 && (32..=320).contains(n)));
+    assert_eq!(counts[0], 32, "the void in the corner stops at the first look");
+    assert!(counts.contains(&320), "the edge of a shadow does not");
+    for pixel in &image.film.moments {
+        assert_eq!(pixel.batches, pixel.samples / 32);
+    }
+    let last = render(&scene(), &Method::default(), Work::Textbook { batch: 32, tolerance: 1e-9, max_samples: 50 }, 16);
+    assert!(last.film.moments.iter().any(|pixel| (pixel.samples, pixel.batches) == (50, 2)), "the cap is kept");
+}
+
+#[test]
+fn a_replayed_sample_has_the_bits_of_the_image() {
+    let scene = scene();
+    let prepared = prepare(&scene, &Method::default());
+    let settings = settings(&scene, &Method::default(), 1);
+    for sample in 0..4 {
+        let row = Rect { x: 0, y: 13, w: 24, h: 1 };
+        let image = render_rect(&prepared, &settings, row, Work::Uniform { first: sample, samples: 1 });
+        for (x, pixel) in image.film.moments.iter().enumerate() {
+            let replay = prepared.sample(&settings, [x as u32, 13], sample);
+            assert_eq!(replay.radiance.as_dvec3().to_array(), pixel.mean);
+            assert_eq!(replay.to_string().lines().count(), replay.vertices.len() + 1);
+        }
+    }
+}
+
+#[test]
+fn features_are_those_of_the_first_hit() {
+    let image = render(&scene(), &Method::default(), Work::Uniform { first: 0, samples: 64 }, 16);
+    // The middle of the ball: 0.5 grey, normal towards the camera, near z = 0.6.
+    let middle = image.film.features[11 * 24 + 12];
+    assert!((middle.albedo[0] - 0.5).abs() < 1e-6, "{middle:?}");
+    assert!(Vec3::from_array(middle.normal).dot(Vec3::Z) > 0.9, "{middle:?}");
+    assert!((middle.depth - 5.45).abs() < 0.2, "{middle:?}");
+    assert_eq!(image.film.features[0], Default::default(), "the void has none");
+}
+
+#[test]
+fn samples_that_are_not_finite_are_counted_named_and_left_out() {
+    let scene = json!({
+        "tessera": 1, "camera": { "position": [0, 0, 3], "target": [0, 0, 0] }, "film": { "width": 8, "height": 8 },
+        "shapes": [{ "type": "sphere", "radius": 0.4, "emission": 1e60 }]
+    });
+    let scene = SceneFile::parse(scene.to_string().as_bytes()).unwrap();
+    let image = render(&scene, &Method::default(), Work::Uniform { first: 0, samples: 16 }, 4);
+    assert!(image.statistics.rejected > 0 && image.statistics.rejected < image.statistics.samples);
+    assert!(image.film.moments.iter().all(|pixel| pixel.mean.iter().all(|c| c.is_finite()) && pixel.samples == 16));
+    let [x, y, sample] = image.first_rejected.unwrap();
+    let replay = prepare(&scene, &Method::default()).sample(&settings(&scene, &Method::default(), 4), [x, y], sample);
+    assert!(!replay.radiance.is_finite());
+}
+
+#[test]
+fn what_is_missing_is_an_error_and_what_is_odd_a_warning() {
+    let dark = json!({ "tessera": 1, "camera": { "position": [0, 0, 3], "target": [0, 0, 0] },
+        "shapes": [{ "type": "sphere" },
+                   { "type": "mesh", "positions": [[0, 0, 0], [1, 0, 0], [2, 0, 0]], "triangles": [[0, 1, 2]] }] });
+    let dark = SceneFile::parse(dark.to_string().as_bytes()).unwrap();
+    let loaded = crate::Loaded::new(&dark, &Assets::default(), &Method::default(), [8, 8]).unwrap();
+    assert!(loaded.warnings()[0].contains("shapes[1]: 1 of 1 triangles"), "{:?}", loaded.warnings());
+    assert!(loaded.warnings()[1].contains("no light"), "{:?}", loaded.warnings());
+    let error = |shape: serde_json::Value| {
+        let scene =
+            json!({ "tessera": 1, "camera": { "position": [0, 0, 3], "target": [0, 0, 0] }, "shapes": [shape] });
+        let scene = SceneFile::parse(scene.to_string().as_bytes()).unwrap();
+        crate::Loaded::new(&scene, &Assets::default(), &Method::default(), [8, 8]).unwrap_err().field
+    };
+    let quad = |vertices| json!({ "type": "quad", "vertices": vertices });
+    assert_eq!(error(quad(json!([[0, 0, 0], [1, 0, 0], [1, 1, 1], [0, 1, 0]]))), "shapes[0].vertices");
+    assert_eq!(error(quad(json!([[0, 0, 0], [1, 0, 0], [0.1, 0.1, 0], [0, 1, 0]]))), "shapes[0].vertices");
+    let stretched = json!({ "type": "sphere", "emission": 1, "transform": [{ "scale": [1, 2, 1] }] });
+    assert_eq!(error(stretched), "shapes[0].transform");
+    assert_eq!(error(json!({ "type": "mesh", "file": "gone.obj" })), "shapes[0].file");
+}
