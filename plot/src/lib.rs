@@ -4,7 +4,7 @@
 //! pixels, with the same bits every time. Series are told apart by colour (the palette of Okabe and
 //! Ito, safe for colour-blind readers), by dash and by marker, so a chart reads in grey too. The
 //! legend and the notes stand below the plot area, never in it. This crate knows nothing of files,
-//! nor of what is drawn.
+//! nor of what is drawn. Letters are those of DejaVu Sans (LICENSE-DEJAVU).
 
 mod axis;
 mod csv;

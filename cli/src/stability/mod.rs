@@ -6,6 +6,7 @@
 //! for each row a chart and a CSV, and one page with the table of all; a bound that does not hold makes
 //! the command fail.
 
+mod command;
 mod lights;
 mod microfacet;
 mod offsets;
@@ -19,6 +20,8 @@ mod stopping;
 mod trees;
 mod triangles;
 mod weights;
+
+pub use command::{StabilityArgs, command};
 
 use plot::{Chart, Table};
 use std::path::{Path, PathBuf};
@@ -128,12 +131,6 @@ impl Report {
         self.rows.iter().filter(|(_, outcome)| !outcome.holds())
     }
 
-    /// The process' exit code: 0, or 1 where a bound is broken.
-    #[must_use]
-    pub fn exit_code(&self) -> u8 {
-        u8::from(self.broken().next().is_some())
-    }
-
     /// The table as JSON, for `--json`.
     #[must_use]
     pub fn json(&self) -> serde_json::Value {
@@ -168,7 +165,7 @@ fn finite(v: f64) -> serde_json::Value {
     serde_json::Number::from_f64(v).map_or_else(|| format!("{v}").into(), Into::into)
 }
 
-/// Why rows could not be run.
+/// Why the command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// No row has this name.
@@ -182,6 +179,20 @@ pub enum Error {
         /// What the system says.
         error: std::io::Error,
     },
+    /// These rows ran, and ours left its bound.
+    #[error("bounds do not hold: {0}")]
+    Broken(String),
+}
+
+impl Error {
+    /// The process' exit code: 2 where the input was wrong, 1 where the work failed.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::NoSuchRow(..) => 2,
+            Self::Write { .. } | Self::Broken(_) => 1,
+        }
+    }
 }
 
 /// Runs those of `rows` that the options name, and writes charts, CSVs and the page.

@@ -1,5 +1,6 @@
 //! The command as a whole: files, page, and what a broken bound does.
 
+use super::command::verdict;
 use super::*;
 use plot::{Axis, Series, Style};
 
@@ -27,7 +28,7 @@ const ROW: Row =
 fn a_broken_bound_is_exit_code_1() {
     let folder = tempfile::tempdir().unwrap();
     let kept = run(&[ROW], &options(folder.path())).unwrap();
-    assert_eq!((kept.exit_code(), kept.broken().count()), (0, 0));
+    assert!(verdict(&kept).is_ok() && kept.broken().count() == 0);
     for ours in [0.75, f64::NAN, f64::INFINITY] {
         let broken = match ours {
             0.75 => Row { measure: |_| outcome(0.75), ..ROW },
@@ -35,7 +36,9 @@ fn a_broken_bound_is_exit_code_1() {
             _ => Row { measure: |_| outcome(f64::NAN), ..ROW },
         };
         let report = run(&[ROW, broken], &options(folder.path())).unwrap();
-        assert_eq!((report.exit_code(), report.broken().count()), (1, 1), "{ours}");
+        assert_eq!(report.broken().count(), 1, "{ours}");
+        let error = verdict(&report).unwrap_err();
+        assert_eq!((error.exit_code(), error.to_string().as_str()), (1, "bounds do not hold: a-row"));
         assert!(report.text().contains("BROKEN"));
         assert_eq!(report.json()["rows"][1]["holds"], false);
         let page = std::fs::read_to_string(folder.path().join("README.md")).unwrap();
@@ -49,7 +52,7 @@ fn a_quick_run_keeps_every_bound_and_writes_every_file() {
     let page = folder.path().join("stability.md");
     let charts = folder.path().join("stability");
     let report = run(ROWS, &Options { page: Some(page.clone()), ..options(&charts) }).unwrap();
-    assert_eq!(report.exit_code(), 0, "{}", report.text());
+    assert!(verdict(&report).is_ok(), "{}", report.text());
     let page = std::fs::read_to_string(page).unwrap();
     for (row, outcome) in &report.rows {
         assert!(outcome.textbook > outcome.bound, "{}: the textbook form does not fail\n{}", row.id, report.text());
@@ -98,7 +101,9 @@ fn only_takes_an_id_or_its_first_words() {
     let ids = |only: &str| choose(ROWS, &[only.to_string()]).map(|rows| rows.iter().map(|r| r.id).collect::<Vec<_>>());
     assert_eq!(ids("variance").unwrap(), ["variance"]);
     assert!(ids("schlick").unwrap().len() >= 2);
-    let error = ids("variants").unwrap_err().to_string();
+    let error = ids("variants").unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    let error = error.to_string();
     assert!(error.contains("variants") && error.contains("sums"), "{error}");
 }
 
