@@ -222,17 +222,23 @@ impl Emitter {
     #[must_use]
     pub fn sample(&self, sampling: LightSampling, p: Vec3, u: Vec2, stratum: Stratum) -> Option<EmitterSample> {
         let seen = Seen::new(self, sampling, p);
+        let mut direction = None;
         let place = match (&seen, sampling) {
             (Seen::Triangle(triangle), _) => self.at(triangle.sample(u)),
             (Seen::Rectangle(rectangle), _) => self.at(rectangle.sample(u)),
-            (Seen::Cone(cone), _) => self.on_sphere_at(cone.sample(u)),
+            (Seen::Cone(cone), _) => {
+                // A hair above the surface the rounding of the point would bend the direction.
+                let (wi, normal) = cone.sample(u);
+                direction = Some(wi);
+                self.on_sphere_at(normal)
+            }
             (Seen::Around, _) => return self.around(p, uniform_sphere(u)),
             (Seen::Surface, LightSampling::Stratified) => self.by_stratum(u, stratum),
             (Seen::Surface, _) => self.by_area(u),
         };
         let to = place.point.as_dvec3() - p.as_dvec3();
         let distance = to.length();
-        let wi = (to / distance).as_vec3();
+        let wi = direction.unwrap_or_else(|| (to / distance).as_vec3());
         let pdf = seen.pdf(self, p, place.point);
         (pdf > 0.0 && wi.is_finite()).then_some(EmitterSample {
             wi,

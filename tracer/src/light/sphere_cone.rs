@@ -39,9 +39,9 @@ impl SphereCone {
         2.0 * PI * self.height
     }
 
-    /// Unit normal of the sphere at the point in the direction that `u` chooses.
+    /// The direction that `u` chooses, and the unit normal of the sphere at the point there.
     #[inline]
-    pub(super) fn sample(&self, u: Vec2) -> Vec3 {
+    pub(super) fn sample(&self, u: Vec2) -> (Vec3, Vec3) {
         let x = f64::from(u.x);
         // 1 - cos of the angle at the reference point.
         let rise = x * self.height;
@@ -55,6 +55,8 @@ impl SphereCone {
         let sin_center = sin_normal * cos - cos_normal * sin;
         let frame = Frame::from_normal((-self.axis / self.distance).as_vec3());
         let (sin_turn, cos_turn) = sin_cos_turns(u.y);
-        (frame.t * cos_turn + frame.b * sin_turn) * sin_center as f32 + frame.n * cos_center as f32
+        let across = frame.t * cos_turn + frame.b * sin_turn;
+        let wi = across * sin as f32 - frame.n * cos as f32;
+        (wi, across * sin_center as f32 + frame.n * cos_center as f32)
     }
 }

@@ -175,7 +175,7 @@ fn spheres_are_uniform_over_their_cone_at_any_distance() {
         let axis = from.as_dvec3() / distance;
         let sin2 = (f64::from(radius) / distance).powi(2);
         let height = if sin2 < 1e-5 { sin2 / 2.0 + sin2 * sin2 / 8.0 } else { 1.0 - (1.0 - sin2).sqrt() };
-        let (rows, columns, samples) = (16, 12, 60_000);
+        let (rows, columns, samples) = (16, 12, 200_000);
         let (tangent, bitangent) = axis.any_orthonormal_pair();
         let mut counts = vec![0; rows * columns];
         let mut rng = Rng::new(5);
@@ -184,13 +184,20 @@ fn spheres_are_uniform_over_their_cone_at_any_distance() {
             assert!((f64::from(1.0 / sample.pdf) / (2.0 * PI * height) - 1.0).abs() < 1e-6, "{ratio}");
             let hit = from + sample.wi * sample.distance;
             assert_eq!(sample.pdf, sphere.pdf(LightSampling::SolidAngle, from, hit));
-            // From the normal back to the share of the cone: tan = r sin a / (d - r cos a).
-            let n = sample.ng.as_dvec3();
-            let (cos, off) = (n.dot(axis), n - axis * n.dot(axis));
-            assert!(cos > f64::from(radius) / distance - 1e-3, "{ratio}: on the far side");
-            let tan = f64::from(radius) * off.length() / (distance - f64::from(radius) * cos);
-            let root = (1.0 + tan * tan).sqrt();
-            let share = tan * tan / (root * (1.0 + root)) / height;
+            // From near the direction tells the share of the cone; from far the normal does, by
+            // tan = r sin a / (d - r cos a).
+            let (n, wi) = (sample.ng.as_dvec3(), sample.wi.as_dvec3());
+            let rise = if ratio < 0.5 {
+                let sin = (n - axis * n.dot(axis)).length();
+                let tan = f64::from(radius) * sin / (distance - f64::from(radius) * n.dot(axis));
+                let root = (1.0 + tan * tan).sqrt();
+                tan * tan / (root * (1.0 + root))
+            } else {
+                0.5 * (wi + axis).length_squared()
+            };
+            assert!(n.dot(axis) > f64::from(radius) / distance - 1e-3, "{ratio}: on the far side");
+            let share = rise / height;
+            let off = if ratio < 0.5 { n } else { wi };
             let turn = off.dot(bitangent).atan2(off.dot(tangent)) / (2.0 * PI) + 0.5;
             let (row, column) = ((share * rows as f64) as usize, (turn * columns as f64) as usize);
             counts[row.min(rows - 1) * columns + column.min(columns - 1)] += 1;
