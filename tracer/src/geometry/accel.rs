@@ -7,8 +7,6 @@
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
-#[cfg(target_arch = "x86_64")]
-use super::simd::{Avx2, Sse2};
 use super::{
     Bounds, BuildMethod, Counters, Hit, InstructionSet, Ray, Shape, SurfacePoint, TriangleTest, World,
     bvh::{
@@ -16,7 +14,7 @@ use super::{
         traverse::{Items, Nearest, Traverse},
     },
     disk,
-    simd::Portable,
+    simd::{Portable, Proof},
     sphere, surface, textbook,
     triangle::{self, RayFrame},
 };
@@ -70,6 +68,7 @@ pub struct Accel {
     stats: Stats,
     test: TriangleTest,
     instructions: InstructionSet,
+    proof: Proof,
 }
 
 /// Shapes under one tree. Primitives are numbered through all of them.
@@ -137,9 +136,11 @@ impl Accel {
             stats.bytes += group.tree.bytes();
         }
         let bounds = world.tree.bounds.unwrap_or(Bounds::EMPTY);
-        let available = instructions.is_available();
-        let instructions = if available { instructions } else { InstructionSet::detect() };
-        Self { world, objects, instances, bounds, stats, test, instructions }
+        let (instructions, proof) = [instructions, InstructionSet::detect()]
+            .into_iter()
+            .find_map(|i| Some((i, i.prove()?)))
+            .unwrap_or((InstructionSet::Portable, Proof::Portable(Portable)));
+        Self { world, objects, instances, bounds, stats, test, instructions, proof }
     }
 
     /// The nearest hit of a ray.
@@ -162,15 +163,12 @@ impl Accel {
 
     #[inline(always)]
     fn dispatch<const ANY: bool>(&self, ray: &Ray, nearest: &mut Nearest, counters: &mut Counters) -> bool {
-        match self.instructions {
+        match self.proof {
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => match Avx2::new() {
-                Some(isa) => self.trace::<_, ANY>(isa, &self.world, 0, ray, nearest, counters),
-                None => false,
-            },
+            Proof::Avx2(isa) => self.trace::<_, ANY>(isa, &self.world, 0, ray, nearest, counters),
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Sse2 => self.trace::<_, ANY>(Sse2, &self.world, 0, ray, nearest, counters),
-            _ => self.trace::<_, ANY>(Portable, &self.world, 0, ray, nearest, counters),
+            Proof::Sse2(isa) => self.trace::<_, ANY>(isa, &self.world, 0, ray, nearest, counters),
+            Proof::Portable(isa) => self.trace::<_, ANY>(isa, &self.world, 0, ray, nearest, counters),
         }
     }
 

@@ -32,7 +32,8 @@ pub fn roots(center: Vec3, radius: f32, ray: &Ray) -> Option<[f64; 2]> {
     let b = oc.dot(d);
     let closest = oc - d * (b / a);
     let discriminant = r * r - closest.length_squared();
-    if !(discriminant >= 0.0) {
+    // Not a number neither.
+    if discriminant.is_nan() || discriminant < 0.0 {
         return None;
     }
     let q = -(b + (a * discriminant).sqrt().copysign(b));

@@ -95,53 +95,74 @@ impl RayFrame {
         let [ox, oy, oz] = self.origin;
         let [sx, sy] = self.shear;
         let z = corners.map(|p| p[kz] - oz);
-        let x: [f32; 3] = std::array::from_fn(|i| (corners[i][kx] - ox) - sx * z[i]);
-        let y: [f32; 3] = std::array::from_fn(|i| (corners[i][ky] - oy) - sy * z[i]);
+        let x = std::array::from_fn(|i| (corners[i][kx] - ox) - sx * z[i]);
+        let y = std::array::from_fn(|i| (corners[i][ky] - oy) - sy * z[i]);
         self.decide(x, y, z)
     }
 
     /// The exact part, on sheared `x`, `y` and moved `z`.
-    #[inline]
-    fn decide(&self, x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<TriangleHit> {
+    #[inline(always)]
+    pub(super) fn decide(&self, x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<TriangleHit> {
         let [x, y, z] = [x, y, z].map(|v| v.map(f64::from));
         // Products are exact, so each sign is that of the exact value.
         let e0 = x[1] * y[2] - y[1] * x[2];
         let e1 = x[2] * y[0] - y[2] * x[0];
         let e2 = x[0] * y[1] - y[0] * x[1];
-        if (e0 < 0.0 || e1 < 0.0 || e2 < 0.0) && (e0 > 0.0 || e1 > 0.0 || e2 > 0.0) {
+        if min3([e0, e1, e2]) < 0.0 && max3([e0, e1, e2]) > 0.0 {
             return None;
         }
         let det = e0 + e1 + e2;
         // Seen edge-on, or not a number.
-        if !(det.abs() > 0.0 && det.abs() < f64::INFINITY) {
+        let size = det.abs();
+        if !(size > 0.0 && size < f64::INFINITY) {
             return None;
         }
         let dz = f64::from(self.direction[2]);
-        let t = (e0 * z[0] + e1 * z[1] + e2 * z[2]) / (det * dz);
-        let t32 = t as f32;
-        if !(t32 > 0.0) {
+        // The depth along z, times the determinant.
+        let depth = e0 * z[0] + e1 * z[1] + e2 * z[2];
+        let t = (depth / (det * dz)) as f32;
+        if t.is_nan() || t <= 0.0 {
             return None;
         }
-        let (z_min, z_max) = (z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2]));
+        let (z_min, z_max) = (min3(z), max3(z));
         let ahead = if dz > 0.0 { z_min > 0.0 } else { z_max < 0.0 };
-        if !ahead && t * dz.abs() <= self.depth_error(x, y, z_min, z_max, det) {
+        if !ahead && depth.abs() <= self.depth_error(x, y, z_min, z_max, size) {
             return None;
         }
-        Some(TriangleHit { t: t32, b1: (e1 / det) as f32, b2: (e2 / det) as f32 })
+        let inverse = 1.0 / det;
+        Some(TriangleHit { t, b1: (e1 * inverse) as f32, b2: (e2 * inverse) as f32 })
     }
 
-    /// Bound of the error of the hit's depth along z: corners are known to within the rounding of
-    /// moving and shearing them; the rest of the sum is exact by comparison.
-    #[cold]
+    /// Bound of the error of the hit's depth times the determinant: corners are known to within the
+    /// rounding of moving and shearing them; the rest of the sum is exact by comparison.
+    #[inline(always)]
     fn depth_error(&self, x: [f64; 3], y: [f64; 3], z_min: f64, z_max: f64, det: f64) -> f64 {
-        let largest = |v: [f64; 3]| v[0].abs().max(v[1].abs()).max(v[2].abs());
-        let (mx, my, mz) = (largest(x), largest(y), z_max.abs().max(z_min.abs()));
-        let g = gamma(5);
-        let dx = g * (mx + f64::from(self.shear[0]).abs() * mz);
-        let dy = g * (my + f64::from(self.shear[1]).abs() * mz);
+        let largest = |v: [f64; 3]| max3(v.map(f64::abs));
+        let (mx, my, mz) = (largest(x), largest(y), max2(z_max, -z_min));
+        const G: f64 = gamma(5);
+        let dx = G * (mx + f64::from(self.shear[0]).abs() * mz);
+        let dy = G * (my + f64::from(self.shear[1]).abs() * mz);
         let edge = 2.0 * (dx * my + dy * mx + dx * dy);
-        3.0 * edge * (z_max - z_min) / det.abs() + 2.0 * UNIT * mz
+        3.0 * edge * (z_max - z_min) + 2.0 * UNIT * mz * det
     }
+}
+
+// One instruction each, unlike `f64::min` and `f64::max`, which look after NaN.
+#[inline(always)]
+fn min2(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+#[inline(always)]
+fn max2(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+#[inline(always)]
+fn min3(v: [f64; 3]) -> f64 {
+    min2(min2(v[0], v[1]), v[2])
+}
+#[inline(always)]
+fn max3(v: [f64; 3]) -> f64 {
+    max2(max2(v[0], v[1]), v[2])
 }
 
 /// Eight triangles, a row for each coordinate of each corner: x, y, z of the first, second, third.
@@ -189,9 +210,17 @@ impl<I: Isa> WideFrame<I> {
 
     /// The lanes that [`RayFrame::intersect`] might accept with `t <= t_far`, and those that it surely
     /// accepts with `t < t_far` (a subset). `t_far` is the end of the ray, too large by
-    /// up to 32 units in the last place.
+    /// up to 32 units in the last place. `moved` receives what [`RayFrame::decide`] wants to know.
     #[inline(always)]
-    pub fn candidates(&self, isa: I, f: &RayFrame, pack: &Pack, t_far: I::F, any: bool) -> (u32, u32) {
+    pub fn candidates(
+        &self,
+        isa: I,
+        f: &RayFrame,
+        pack: &Pack,
+        t_far: I::F,
+        any: bool,
+        moved: &mut [Row; 9],
+    ) -> (u32, u32) {
         let [kx, ky, kz] = f.axes;
         // SAFETY: the axes are a permutation of 0..3, so every row is below 9.
         let row = |corner: usize, axis: usize| isa.load(unsafe { pack.rows.get_unchecked(3 * corner + axis) });
@@ -215,6 +244,12 @@ impl<I: Isa> WideFrame<I> {
         let (t0, t1, t2) = (z0.mul(self.rz), z1.mul(self.rz), z2.mul(self.rz));
         let (t_lo, t_hi) = (t0.min(t1).min(t2), t0.max(t1).max(t2));
         maybe &= !(t_hi.lt(zero) | t_far.lt(t_lo)) & 0xff;
+        if maybe == 0 {
+            return (0, 0);
+        }
+        for (row, lanes) in moved.iter_mut().zip([x0, x1, x2, y0, y1, y2, z0, z1, z2]) {
+            lanes.store(row);
+        }
         if !any {
             return (maybe, 0);
         }

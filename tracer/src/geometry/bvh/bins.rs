@@ -108,10 +108,9 @@ impl Bins {
     #[inline(always)]
     pub fn fill(&mut self, refs: &[Ref], mapping: &Mapping) {
         for r in refs {
-            let k = mapping.bins(r);
-            for axis in 0..3 {
-                self.bounds[axis][k[axis]].join(r.bounds());
-                self.count[axis][k[axis]] += 1;
+            for (axis, bin) in mapping.bins(r).into_iter().enumerate() {
+                self.bounds[axis][bin].join(r.bounds());
+                self.count[axis][bin] += 1;
             }
         }
     }

@@ -19,6 +19,9 @@ pub(super) const PACK: usize = 8;
 const LEAF_TRIANGLES: usize = 4 * PACK;
 /// Most other primitives in a leaf.
 pub(super) const LEAF_ITEMS: usize = 4;
+/// What a node of the binary tree costs, in units of a pack. Less than a node of the wide tree would: most
+/// of them disappear in it. A smaller value makes smaller leaves, more of them, and a larger tree.
+const STEP: f32 = 0.75;
 /// Below this depth nodes are halved by count.
 const SPLIT_DEPTH: usize = 64;
 /// No tree is deeper: `SPLIT_DEPTH`, then halving of less than 2^32 primitives, then kinds told apart.
@@ -220,7 +223,7 @@ impl Builder {
         };
         let best = bins.best(&mapping, self.scale, Self::packs)?;
         let area = bounds.half_area(self.scale);
-        if self.leaf(refs).0 && best.cost + area >= area * Self::packs(refs.len() as u32) {
+        if self.leaf(refs).0 && best.cost + STEP * area >= area * Self::packs(refs.len() as u32) {
             return None;
         }
         let (mut left, mut right) = (Box4::EMPTY, Box4::EMPTY);

@@ -27,7 +27,7 @@ use super::{
 };
 
 /// A node leaves at most seven of its children for later.
-const STACK: usize = 7 * (MAX_DEPTH + 1) + 1;
+const STACK: usize = 7 * (MAX_DEPTH + 1) + 8;
 /// Relative widening, in units of the last place of 1: 2 gamma(3) for the slabs, 2 gamma(5) for the
 /// corners, and as much again.
 const WIDEN: f32 = 16.0 * f32::EPSILON;
@@ -172,6 +172,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
     let mut top = 0usize;
     let mut current = 0u32;
     let mut near_store = Row([0.0; 8]);
+    let mut moved = [Row([0.0; 8]); 9];
 
     'next: loop {
         'pop: {
@@ -225,7 +226,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                 };
                 let (k0, k1) = (key(first), key(take(&mut mask)));
                 debug_assert!(top + 8 <= STACK);
-                // SAFETY (all of this block): as above; the eighth child is taken off again.
+                // SAFETY: as above, for each of these writes; the eighth child is taken off again at once.
                 unsafe {
                     if mask == 0 {
                         *stack.add(top) = k0.max(k1);
@@ -289,7 +290,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                 let (mut lanes, sure) = if TEXTBOOK {
                     (textbook::moeller_trumbore_lanes(isa, ray.origin.into(), ray.direction.into(), pack), 0)
                 } else {
-                    wide.candidates(isa, &frame, pack, t_far_wide, ANY)
+                    wide.candidates(isa, &frame, pack, t_far_wide, ANY, &mut moved)
                 };
                 if ANY && sure != 0 {
                     changed = true;
@@ -298,11 +299,11 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                 while lanes != 0 {
                     let lane = lanes.trailing_zeros() as usize;
                     lanes &= lanes - 1;
-                    let corners = pack.corners(lane);
                     let hit = if TEXTBOOK {
-                        textbook::moeller_trumbore(ray.origin.into(), ray.direction.into(), corners)
+                        textbook::moeller_trumbore(ray.origin.into(), ray.direction.into(), pack.corners(lane))
                     } else {
-                        frame.intersect(corners)
+                        let three = |k: usize| [moved[k], moved[k + 1], moved[k + 2]].map(|row| row.0[lane & 7]);
+                        frame.decide(three(0), three(3), three(6))
                     };
                     let Some(hit) = hit else { continue };
                     if nearest.offer(rank, pack.ids[lane & 7], hit.t, hit.b1, hit.b2) {

@@ -26,7 +26,7 @@ pub(in super::super) const MAX_PRIMITIVES: usize = 1 << COUNT_SHIFT;
 /// A node. Rows 0 to 2 are the children's smallest coordinates, 3 to 5 the largest; a child that is not
 /// there has a box that no ray meets.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
+#[repr(C)]
 pub(super) struct Node {
     pub rows: [Row; 6],
     pub children: [u32; WIDTH],
@@ -192,8 +192,8 @@ fn pack(members: &[Ref], corners: &impl Fn(u32) -> [[f32; 3]; 3]) -> Pack {
         let id = members.get(lane).unwrap_or(&members[0]).id();
         pack.ids[lane] = id;
         for (corner, p) in corners(id).iter().enumerate() {
-            for axis in 0..3 {
-                pack.rows[3 * corner + axis].0[lane] = p[axis];
+            for (axis, &x) in p.iter().enumerate() {
+                pack.rows[3 * corner + axis].0[lane] = x;
             }
         }
     }

@@ -38,19 +38,34 @@ impl InstructionSet {
     /// Whether this processor has it.
     #[must_use]
     pub fn is_available(self) -> bool {
+        self.prove().is_some()
+    }
+
+    /// A proof that this processor has it.
+    pub(super) fn prove(self) -> Option<Proof> {
         match self {
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => Avx2::new().is_some(),
+            Self::Avx2 => Avx2::new().map(Proof::Avx2),
             #[cfg(target_arch = "x86_64")]
-            Self::Sse2 => true,
+            Self::Sse2 => Some(Proof::Sse2(Sse2)),
             #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx2 | Self::Sse2 => false,
-            Self::Portable => true,
+            Self::Avx2 | Self::Sse2 => None,
+            Self::Portable => Some(Proof::Portable(Portable)),
         }
     }
 }
 
-/// An instruction set that is there.
+/// An instruction set that is there, to be told apart once a ray.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Proof {
+    #[cfg(target_arch = "x86_64")]
+    Avx2(Avx2),
+    #[cfg(target_arch = "x86_64")]
+    Sse2(Sse2),
+    Portable(Portable),
+}
+
+/// Loads and constants of an instruction set.
 pub(super) trait Isa: Copy {
     type F: Lanes;
     /// `x` in every lane.

@@ -47,12 +47,12 @@ fn rays_at(world: &World, random: &mut Random, n: usize) -> Vec<Ray> {
         };
         let size = (c[1] - c[0]).length().max((c[2] - c[0]).length()).max(1e-30);
         let away = random.direction().as_vec3() * size * 10f32.powf(4.0 * random.signed());
-        let origin = if random.bits() % 8 == 0 { c[1].lerp(c[2], u) } else { target + away };
+        let origin = if random.bits().is_multiple_of(8) { c[1].lerp(c[2], u) } else { target + away };
         let mut direction = target - origin;
-        if random.bits() % 8 == 0 {
+        if random.bits().is_multiple_of(8) {
             direction = Vec3::AXES[random.bits() as usize % 3] * [1.0, -1.0][random.bits() as usize % 2];
         }
-        let t_max = if random.bits() % 4 == 0 { 1.0 } else { f32::INFINITY };
+        let t_max = if random.bits().is_multiple_of(4) { 1.0 } else { f32::INFINITY };
         rays.push(Ray { origin, direction, t_max });
     }
     rays
@@ -75,7 +75,7 @@ fn hostile_mesh(kind: u64, random: &mut Random, n: usize) -> TriangleMesh {
             // Slivers.
             1 => push([at, at + a, at + a * 0.5 + b * 1e-6]),
             // The same one again and again, from either side.
-            2 => push([Vec3::ZERO, Vec3::X, if k % 2 == 0 { Vec3::Y } else { -Vec3::Y }]),
+            2 => push([Vec3::ZERO, Vec3::X, if k.is_multiple_of(2) { Vec3::Y } else { -Vec3::Y }]),
             // Stacks in one plane.
             3 => {
                 let p = |v: Vec3| Vec3::new(v.x, 0.25, v.z);
@@ -99,7 +99,7 @@ fn hostile_mesh(kind: u64, random: &mut Random, n: usize) -> TriangleMesh {
             // Bad ones among good ones.
             _ => {
                 let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 0.0][k % 4];
-                push([at, at + a, if k % 3 == 0 { Vec3::splat(bad) } else { at + b }]);
+                push([at, at + a, if k.is_multiple_of(3) { Vec3::splat(bad) } else { at + b }]);
             }
         }
     }
@@ -114,7 +114,7 @@ proptest! {
         let mut random = Random(seed);
         let mut world = world_of(hostile_mesh(kind, &mut random, n));
         // A second shape, so that ties between shapes are seen.
-        if seed % 3 == 0 {
+        if seed.is_multiple_of(3) {
             let shape = world.shapes[0].clone();
             world.shapes.push(shape);
         }

@@ -1,7 +1,12 @@
 //! Tests of the whole: what no single file can show.
 
+mod builds;
 mod equality;
+mod instances;
 mod leaks;
+mod offsets;
+mod quadrics;
+mod slabs;
 
 use std::collections::HashMap;
 
