@@ -193,6 +193,13 @@ impl FieldError {
 pub struct Frames(Vec<u32>);
 
 impl Frames {
+    /// These frames, in order, each once; `None` of none.
+    #[must_use]
+    pub fn of(numbers: impl IntoIterator<Item = u32>) -> Option<Self> {
+        let frames: std::collections::BTreeSet<u32> = numbers.into_iter().collect();
+        (!frames.is_empty()).then(|| Self(frames.into_iter().collect()))
+    }
+
     /// The frame numbers, ascending.
     #[must_use]
     pub fn numbers(&self) -> &[u32] {

@@ -91,6 +91,12 @@ impl TileGrid {
         Self { region, tile: tile.max(1) }
     }
 
+    /// The region that is cut, in frame coordinates.
+    #[must_use]
+    pub fn region(&self) -> Rect {
+        self.region
+    }
+
     /// Tiles in a row.
     #[must_use]
     pub fn columns(&self) -> u32 {

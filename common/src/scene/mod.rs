@@ -23,7 +23,7 @@ pub use material::{
     BlinnMicrofacet, BlinnPhong, Checkerboard, Conductor, Dielectric, Diffuse, Image, Material, MaterialKind, Metal,
     MetallicRoughness, Mirror, NormalMap, Phong, Plastic, Roughness, Texture, TextureKind, UvTransform, Wrap,
 };
-pub use parse::{SceneError, nested};
+pub use parse::{SceneError, from_json, nested};
 pub use shape::{Disk, Emission, Instance, Mesh, MeshSource, Normals, Quad, Shape, ShapeKind, Sphere};
 pub use transform::{Rotate, Step, Transform};
 

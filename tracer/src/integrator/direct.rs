@@ -49,7 +49,7 @@ impl Integrator<'_> {
                 (choice, stream.two(dimension::at(depth, dimension::LIGHT)))
             };
             self.scene.lights().for_each(&shading.reference, Stratum { index, count }, draw, |sample| {
-                sum += self.from_light::<FULL>(shading, &sample, counters);
+                sum += self.one_light::<FULL>(shading, &sample, counters);
             });
         }
         if count == 1 { sum } else { sum / count as f32 }
@@ -57,7 +57,7 @@ impl Integrator<'_> {
 
     /// What one light sample brings.
     #[inline]
-    fn from_light<const FULL: bool>(&self, shading: &Shading, light: &LightSample, counters: &mut Counters) -> Rgb {
+    fn one_light<const FULL: bool>(&self, shading: &Shading, light: &LightSample, counters: &mut Counters) -> Rgb {
         let wi = shading.frame.to_local(light.wi);
         // The sides by the shading and by the geometric normal must agree, or light leaks.
         let transmission = (wi.z > 0.0) != (shading.wo.z > 0.0);

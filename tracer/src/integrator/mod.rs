@@ -355,9 +355,10 @@ impl<'a> Integrator<'a> {
 #[inline]
 #[must_use]
 pub fn power_heuristic(a: f32, b: f32) -> f32 {
-    if !(a > 0.0) {
-        return 0.0;
+    if a > 0.0 {
+        let r = b / a;
+        1.0 / (1.0 + r * r)
+    } else {
+        0.0
     }
-    let r = b / a;
-    1.0 / (1.0 + r * r)
 }

@@ -126,9 +126,6 @@ impl Seen {
             Emitter::Rectangle { corner, edge_u, edge_v } => {
                 SphericalRectangle::new(corner, edge_u, edge_v, from).map_or(Self::Surface, Self::Rectangle)
             }
-            // On the sphere itself rounding decides whether `from` is inside or outside, and rays leave it for
-            // either side: only the area covers both.
-            Emitter::Sphere { center, radius } if is_on_sphere(center, radius, from) => Self::Surface,
             Emitter::Sphere { center, radius } => {
                 SphereCone::new(center, radius, from).map_or(Self::Around, Self::Cone)
             }
@@ -149,15 +146,6 @@ impl Seen {
             Self::Surface => emitter.area_pdf(from, point),
         }
     }
-}
-
-/// Whether `p` may be a rounded point of the sphere.
-#[inline]
-fn is_on_sphere(center: Vec3, radius: f32, p: Vec3) -> bool {
-    let distance2 = (p.as_dvec3() - center.as_dvec3()).length_squared();
-    let radius = f64::from(radius);
-    let margin = 5e-7 * (radius + f64::from(center.abs().max_element()));
-    (distance2 - radius * radius).abs() <= 2.0 * radius * margin
 }
 
 impl Emitter {

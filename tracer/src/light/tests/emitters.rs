@@ -210,7 +210,7 @@ fn spheres_are_uniform_over_their_cone_at_any_distance() {
 #[test]
 fn inside_a_sphere_every_direction_is_as_likely() {
     let sphere = Emitter::Sphere { center: Vec3::new(1.0, 2.0, 3.0), radius: 2.0 };
-    for from in [Vec3::new(1.0, 2.0, 3.0), Vec3::new(2.5, 2.0, 3.0), Vec3::new(1.0, 2.0, 4.999_99)] {
+    for from in [Vec3::new(1.0, 2.0, 3.0), Vec3::new(2.5, 2.0, 3.0), Vec3::new(1.0, 2.0, 4.999_999)] {
         let mut rng = Rng::new(8);
         let mut counts = vec![0; 64];
         for _ in 0..60_000 {

@@ -1,0 +1,127 @@
+//! Films to pictures: what a frame looks like, how many samples each pixel got, how far it may be off.
+//!
+//! Pure: pixels in, files out as bytes, the same bytes on every machine. It knows nothing of jobs or stores.
+
+mod colour;
+mod exr;
+mod font;
+mod legend;
+mod png;
+
+use common::{
+    film::{Features, Film, Moments},
+    tile::Rect,
+};
+
+/// A frame's pixels.
+#[derive(Debug, Clone)]
+pub struct Raster {
+    /// Width and height of the whole frame.
+    pub resolution: [u32; 2],
+    /// The part that is rendered, in frame coordinates.
+    pub region: Rect,
+    /// Confidence of the intervals, between 0 and 1.
+    pub confidence: f64,
+    /// Moments of the region's pixels, in row order; no samples where nothing is rendered yet.
+    pub moments: Vec<Moments>,
+    /// Features of the region's pixels, in row order.
+    pub features: Vec<Features>,
+}
+
+/// Which picture, in which format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Picture {
+    /// The image, sRGB; what is not rendered is transparent.
+    ImagePng,
+    /// All layers, linear f32.
+    ImageExr,
+    /// Samples of each pixel in colours, with a legend.
+    SamplesPng,
+    /// Samples of each pixel, one channel `Y`.
+    SamplesExr,
+    /// Standard error of each pixel's luminance in colours, with a legend.
+    ErrorPng,
+    /// Standard error of each pixel's luminance, one channel `Y`.
+    ErrorExr,
+}
+
+impl Picture {
+    /// All of them.
+    pub const ALL: [Picture; 6] = [
+        Picture::ImagePng,
+        Picture::ImageExr,
+        Picture::SamplesPng,
+        Picture::SamplesExr,
+        Picture::ErrorPng,
+        Picture::ErrorExr,
+    ];
+
+    /// Its file name in the API.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Picture::ImagePng => "image.png",
+            Picture::ImageExr => "image.exr",
+            Picture::SamplesPng => "samples.png",
+            Picture::SamplesExr => "samples.exr",
+            Picture::ErrorPng => "error.png",
+            Picture::ErrorExr => "error.exr",
+        }
+    }
+
+    /// Its media type.
+    #[must_use]
+    pub fn media_type(self) -> &'static str {
+        if self.name().ends_with(".png") { "image/png" } else { "image/x-exr" }
+    }
+}
+
+/// Why a picture could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum BadPicture {
+    /// The PNG encoder failed.
+    #[error(transparent)]
+    Png(#[from] ::image::ImageError),
+    /// The EXR encoder failed.
+    #[error(transparent)]
+    Exr(#[from] ::exr::error::Error),
+}
+
+impl Raster {
+    /// Copy a tile into its place.
+    pub fn place(&mut self, rect: Rect, film: &Film) {
+        for (i, (x, y)) in rect.pixels().enumerate() {
+            let at = (y - self.region.y) as usize * self.region.w as usize + (x - self.region.x) as usize;
+            if let (Some(to), Some(from)) = (self.moments.get_mut(at), film.moments.get(i)) {
+                *to = *from;
+            }
+            if let (Some(to), Some(from)) = (self.features.get_mut(at), film.features.get(i)) {
+                *to = *from;
+            }
+        }
+    }
+}
+
+/// Make a picture.
+///
+/// # Errors
+/// The encoder failed.
+pub fn make(raster: &Raster, picture: Picture) -> Result<Vec<u8>, BadPicture> {
+    match picture {
+        Picture::ImagePng => png::image(raster),
+        Picture::ImageExr => exr::layers(raster),
+        Picture::SamplesPng => legend::samples(raster),
+        Picture::SamplesExr => exr::single(raster, samples(raster)),
+        Picture::ErrorPng => legend::errors(raster),
+        Picture::ErrorExr => exr::single(raster, standard_errors(raster)),
+    }
+}
+
+fn samples(raster: &Raster) -> Vec<f32> {
+    raster.moments.iter().map(|m| m.samples as f32).collect()
+}
+
+/// Standard error of each pixel's luminance; infinite where it is not known.
+fn standard_errors(raster: &Raster) -> Vec<f32> {
+    raster.moments.iter().map(|m| m.standard_error().map_or(f32::INFINITY, |error| error as f32)).collect()
+}

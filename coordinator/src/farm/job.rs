@@ -1,0 +1,564 @@
+//! Jobs, frames, tiles and passes: their states, and how one follows from the other.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use common::{
+    job::{JobId, JobState, LeaseId, WorkerId},
+    pass::Work,
+    tile::Rect,
+};
+
+use super::{Command, Effect, Farm, JobSpec, Restored, TileKey, TileProgress, lease::UnitRef};
+
+/// Check a change of a job's state.
+///
+/// # Errors
+/// One sentence that says why it cannot be.
+pub fn transition(from: JobState, to: JobState) -> Result<JobState, String> {
+    use JobState::{Active, Canceled, Completed, Failed, Paused, Queued};
+    match (from, to) {
+        (Queued, Active) => Ok(to),
+        (Queued | Active, Paused) | (Paused, Queued) => Ok(to),
+        // Work that was out when the job was held back, or before a restart, may complete it.
+        (Queued | Active | Paused, Completed | Failed | Canceled) => Ok(to),
+        // Tried again from what it has; or continued to a finer target.
+        (Failed | Canceled | Completed, Queued) => Ok(to),
+        (from, to) => Err(format!("the job is {from} and cannot become {to}")),
+    }
+}
+
+/// Something counted per second, over the last few seconds.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rate {
+    value: f64,
+    at: f64,
+}
+
+impl Rate {
+    const SECONDS: f64 = 5.0;
+
+    pub(super) fn add(&mut self, amount: f64, now: f64) {
+        *self = Rate { value: self.get(now) + amount / Self::SECONDS, at: now };
+    }
+
+    pub(super) fn get(&self, now: f64) -> f64 {
+        self.value * libm::exp(-(now - self.at).max(0.0) / Self::SECONDS)
+    }
+}
+
+/// Measured cost, with the past fading.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Cost {
+    seconds: f64,
+    samples: f64,
+    pixels: f64,
+}
+
+impl Cost {
+    const MEMORY: f64 = 0.95;
+
+    pub(super) fn add(&mut self, seconds: f64, samples: f64, pixels: f64) {
+        self.seconds = self.seconds * Self::MEMORY + seconds;
+        self.samples = self.samples * Self::MEMORY + samples;
+        self.pixels = self.pixels * Self::MEMORY + pixels;
+    }
+
+    /// Processor seconds of a sample.
+    pub(super) fn per_sample(&self) -> Option<f64> {
+        (self.samples > 0.0).then(|| self.seconds / self.samples)
+    }
+
+    /// Samples of a pixel.
+    pub(super) fn samples_per_pixel(&self) -> Option<f64> {
+        (self.pixels > 0.0).then(|| self.samples / self.pixels)
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Job {
+    pub(super) spec: JobSpec,
+    pub(super) state: JobState,
+    pub(super) message: Option<String>,
+    pub(super) frames: Vec<Frame>,
+    /// All frames before this index are done.
+    pub(super) first: usize,
+    /// Frames that are not done.
+    pub(super) left: usize,
+    /// Processor seconds leased so far, as the fair share counts them.
+    pub(super) served: f64,
+    pub(super) cost: Cost,
+    pub(super) samples: Rate,
+    pub(super) retries: u64,
+    /// Progress over the last seconds, for the time that is left.
+    pub(super) history: VecDeque<(f64, f64)>,
+}
+
+#[derive(Debug)]
+pub(super) struct Frame {
+    pub(super) number: u32,
+    pub(super) stage: Stage,
+}
+
+#[derive(Debug)]
+pub(super) enum Stage {
+    /// Not begun here; what was stored of it.
+    Waiting(BTreeMap<u32, TileProgress>),
+    Open(Open),
+    Done,
+}
+
+/// A frame being rendered.
+#[derive(Debug)]
+pub(super) struct Open {
+    pub(super) tiles: Vec<Tile>,
+    /// Pieces to be leased, as (pass, tile, piece): all first passes first.
+    pub(super) pending: BTreeSet<(u32, u32, u32)>,
+    /// Tiles that are not finished.
+    pub(super) unfinished: u32,
+    /// Tiles whose next pass is being planned.
+    pub(super) planning: u32,
+    /// Sum over tiles of area x share done.
+    pub(super) done: f64,
+}
+
+#[derive(Debug)]
+pub(super) struct Tile {
+    pub(super) rect: Rect,
+    pub(super) passes: u32,
+    pub(super) share: f64,
+    pub(super) attempts: u32,
+    pub(super) worker: Option<WorkerId>,
+    pub(super) cost: Option<f64>,
+    pub(super) phase: Phase,
+    /// Parts stored before a restart, until the pass is planned again.
+    parts: Option<(usize, Vec<Rect>)>,
+}
+
+#[derive(Debug, Default)]
+pub(super) enum Phase {
+    /// The next pass waits for neighbours.
+    #[default]
+    Waiting,
+    /// The next pass is being planned.
+    Planning,
+    Running(Running),
+    Finished,
+}
+
+/// A pass being rendered.
+#[derive(Debug)]
+pub(super) struct Running {
+    pub(super) work: Work,
+    pub(super) share: f64,
+    /// Pixels of a piece, where the tile is split.
+    pub(super) split: Option<usize>,
+    /// In row order.
+    pub(super) pieces: Vec<Piece>,
+    /// Pieces that are stored.
+    pub(super) saved: usize,
+}
+
+#[derive(Debug)]
+pub(super) struct Piece {
+    pub(super) rect: Rect,
+    pub(super) state: PieceState,
+    /// Leases that hold it now.
+    pub(super) holders: Vec<LeaseId>,
+    /// Workers it failed on, each once.
+    pub(super) failed_on: Vec<WorkerId>,
+    pub(super) failures: u32,
+    pub(super) lost: u32,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PieceState {
+    Pending,
+    Leased,
+    Saving,
+    Saved,
+}
+
+impl Piece {
+    pub(super) fn new(rect: Rect) -> Self {
+        Piece { rect, state: PieceState::Pending, holders: Vec::new(), failed_on: Vec::new(), failures: 0, lost: 0 }
+    }
+
+    /// Whether it went wrong before: it is then leased alone, so that it takes no other unit with it.
+    pub(super) fn suspicious(&self) -> bool {
+        self.failures > 0 || self.lost > 0
+    }
+}
+
+impl Running {
+    pub(super) fn piece(&self, rect: Rect) -> Option<usize> {
+        let found = self.pieces.binary_search_by_key(&(rect.y, rect.x), |piece| (piece.rect.y, piece.rect.x)).ok()?;
+        (self.pieces[found].rect == rect).then_some(found)
+    }
+}
+
+impl Job {
+    fn new(spec: JobSpec, state: JobState, served: f64) -> Self {
+        let frames =
+            spec.frames.iter().map(|&number| Frame { number, stage: Stage::Waiting(BTreeMap::new()) }).collect();
+        Job {
+            left: spec.frames.len(),
+            spec,
+            state,
+            message: None,
+            frames,
+            first: 0,
+            served,
+            cost: Cost::default(),
+            samples: Rate::default(),
+            retries: 0,
+            history: VecDeque::new(),
+        }
+    }
+
+    pub(super) fn frame_index(&self, number: u32) -> Option<usize> {
+        self.frames.binary_search_by_key(&number, |frame| frame.number).ok()
+    }
+
+    pub(super) fn open_mut(&mut self, number: u32) -> Option<&mut Open> {
+        let index = self.frame_index(number)?;
+        match &mut self.frames[index].stage {
+            Stage::Open(open) => Some(open),
+            _ => None,
+        }
+    }
+
+    pub(super) fn open_ref(&self, number: u32) -> Option<&Open> {
+        match &self.frames[self.frame_index(number)?].stage {
+            Stage::Open(open) => Some(open),
+            _ => None,
+        }
+    }
+
+    /// Whether leases may be cut from it.
+    pub(super) fn runnable(&self) -> bool {
+        matches!(self.state, JobState::Queued | JobState::Active)
+    }
+
+    fn set(&mut self, to: JobState, out: &mut Vec<Effect>) -> Result<(), String> {
+        self.state = transition(self.state, to)?;
+        out.push(Effect::JobChanged(self.spec.id));
+        Ok(())
+    }
+
+    /// Begin a frame: its tiles ask to be planned. More than one pass may be behind them.
+    pub(super) fn open(&mut self, index: usize, out: &mut Vec<Effect>) {
+        let Job { spec, frames, .. } = self;
+        let Stage::Waiting(stored) = &mut frames[index].stage else { return };
+        let mut stored = std::mem::take(stored);
+        let count = spec.grid.count();
+        let mut open = Open {
+            tiles: Vec::with_capacity(count as usize),
+            pending: BTreeSet::new(),
+            unfinished: 0,
+            planning: 0,
+            done: 0.0,
+        };
+        for (index, rect) in (0..count).filter_map(|i| spec.grid.rect(i).map(|rect| (i, rect))) {
+            let TileProgress { passes, share, finished, attempts, worker, parts } =
+                stored.remove(&index).unwrap_or_default();
+            let phase = if finished { Phase::Finished } else { Phase::Waiting };
+            open.unfinished += u32::from(!finished);
+            open.done += rect.area() as f64 * share;
+            open.tiles.push(Tile { rect: rect, passes, share, attempts, worker, cost: None, phase, parts });
+        }
+        frames[index].stage = Stage::Open(open);
+        let number = frames[index].number;
+        for tile in 0..count {
+            self.plan_if_ready(number, tile, out);
+        }
+        self.finish_frame_if_done(number, out);
+    }
+
+    /// Ask for the plan of a tile's next pass, if nothing holds it back.
+    fn plan_if_ready(&mut self, frame: u32, tile: u32, out: &mut Vec<Effect>) {
+        let (gated, grid, id) = (self.spec.gated, self.spec.grid, self.spec.id);
+        let Some(open) = self.open_mut(frame) else { return };
+        let this = &open.tiles[tile as usize];
+        if !matches!(this.phase, Phase::Waiting) {
+            return;
+        }
+        let passes = this.passes;
+        let behind = |&neighbour: &u32| {
+            let other = &open.tiles[neighbour as usize];
+            other.passes < passes && !matches!(other.phase, Phase::Finished)
+        };
+        if gated && passes > 0 && grid.neighbours(tile).iter().any(behind) {
+            return;
+        }
+        open.tiles[tile as usize].phase = Phase::Planning;
+        open.planning += 1;
+        out.push(Effect::Plan(TileKey { job: id, frame, tile }, passes));
+    }
+
+    /// A tile went on: it and those that waited for it may be planned.
+    fn plan_around(&mut self, frame: u32, tile: u32, out: &mut Vec<Effect>) {
+        self.plan_if_ready(frame, tile, out);
+        if self.spec.gated {
+            for neighbour in self.spec.grid.neighbours(tile) {
+                self.plan_if_ready(frame, neighbour, out);
+            }
+        }
+    }
+
+    fn finish_frame_if_done(&mut self, number: u32, out: &mut Vec<Effect>) {
+        let Some(index) = self.frame_index(number) else { return };
+        if !matches!(&self.frames[index].stage, Stage::Open(open) if open.unfinished == 0) {
+            return;
+        }
+        self.frames[index].stage = Stage::Done;
+        self.left -= 1;
+        self.skip_done();
+        out.push(Effect::FrameDone(self.spec.id, number));
+        if self.left == 0 {
+            // A state from which it cannot complete is a final one, and it stays as it is.
+            let _ = self.set(JobState::Completed, out);
+        }
+    }
+
+    fn skip_done(&mut self) {
+        while self.frames.get(self.first).is_some_and(|frame| matches!(frame.stage, Stage::Done)) {
+            self.first += 1;
+        }
+    }
+
+    /// Share of the work done, 0 to 1.
+    pub(super) fn progress(&self) -> f64 {
+        let sum: f64 = self.frames.iter().map(|frame| self.frame_progress(frame)).sum();
+        sum / self.frames.len().max(1) as f64
+    }
+
+    pub(super) fn frame_progress(&self, frame: &Frame) -> f64 {
+        let all: f64 = self.spec.grid.region().area() as f64;
+        match &frame.stage {
+            Stage::Done => 1.0,
+            Stage::Open(open) => (open.done / all).clamp(0.0, 1.0),
+            Stage::Waiting(stored) => {
+                let area = |index| self.spec.grid.rect(index).map_or(0.0, |rect| rect.area() as f64);
+                stored.iter().map(|(&index, tile)| area(index) * tile.share).sum::<f64>() / all
+            }
+        }
+    }
+
+    /// Note the progress, for the time that is left.
+    pub(super) fn meter(&mut self, now: f64) {
+        const WINDOW: f64 = 20.0;
+        if self.state != JobState::Active {
+            self.history.clear();
+            return;
+        }
+        if self.history.back().is_some_and(|&(at, _)| now - at < 0.5) {
+            return;
+        }
+        let progress = self.progress();
+        self.history.push_back((now, progress));
+        while self.history.front().is_some_and(|&(at, _)| now - at > WINDOW) {
+            self.history.pop_front();
+        }
+    }
+}
+
+impl Farm {
+    pub(super) fn submit(&mut self, spec: JobSpec, now: f64, out: &mut Vec<Effect>) {
+        let restored =
+            Restored { spec, state: JobState::Queued, message: None, done: Vec::new(), tiles: BTreeMap::new() };
+        self.restore(restored, now, out);
+    }
+
+    pub(super) fn restore(&mut self, restored: Restored, _now: f64, out: &mut Vec<Effect>) {
+        let Restored { spec, state, message, done, tiles } = restored;
+        let id = spec.id;
+        self.drop_leases(id);
+        let served = self.least_served();
+        let mut job = Job::new(spec, state, served);
+        job.message = message;
+        for number in done {
+            if let Some(index) = job.frame_index(number) {
+                job.left -= usize::from(!matches!(job.frames[index].stage, Stage::Done));
+                job.frames[index].stage = Stage::Done;
+            }
+        }
+        for ((frame, tile), progress) in tiles {
+            if let Some(index) = job.frame_index(frame)
+                && let Stage::Waiting(stored) = &mut job.frames[index].stage
+            {
+                stored.insert(tile, progress);
+            }
+        }
+        job.skip_done();
+        if job.left == 0 && !job.state.is_final() {
+            let _ = job.set(JobState::Completed, out);
+        }
+        self.jobs.insert(id, job);
+        self.stirred = true;
+        out.push(Effect::JobChanged(id));
+    }
+
+    /// What a job that starts now has been served, so that it neither starves the others nor is starved.
+    fn least_served(&self) -> f64 {
+        let running = self.jobs.values().filter(|job| job.runnable()).map(|job| job.served);
+        let least = running.fold(f64::INFINITY, f64::min);
+        if least.is_finite() { least } else { 0.0 }
+    }
+
+    pub(super) fn command(&mut self, id: JobId, command: Command, _now: f64, out: &mut Vec<Effect>) {
+        let least = self.least_served();
+        let Some(job) = self.jobs.get_mut(&id) else {
+            out.push(Effect::UnknownJob(id));
+            return;
+        };
+        let changed = match command {
+            Command::Cancel => job.set(JobState::Canceled, out),
+            Command::Pause => job.set(JobState::Paused, out),
+            Command::Resume if job.state != JobState::Paused => {
+                Err(format!("the job is {} and cannot be resumed", job.state))
+            }
+            Command::Requeue if !matches!(job.state, JobState::Failed | JobState::Canceled) => {
+                Err(format!("the job is {}; only a failed or canceled one can be tried again", job.state))
+            }
+            Command::Resume | Command::Requeue => job.set(JobState::Queued, out),
+            Command::Priority(priority) => {
+                job.spec.priority = priority;
+                out.push(Effect::JobChanged(id));
+                Ok(())
+            }
+            Command::Remove if !job.state.is_final() => {
+                Err(format!("the job is {}; cancel it before it is deleted", job.state))
+            }
+            Command::Remove => Ok(()),
+        };
+        if let Err(message) = changed {
+            out.push(Effect::Conflict(message));
+            return;
+        }
+        match command {
+            Command::Cancel => self.drop_leases(id),
+            Command::Remove => {
+                self.drop_leases(id);
+                self.jobs.remove(&id);
+            }
+            Command::Resume => job.served = job.served.max(least),
+            Command::Requeue => {
+                job.message = None;
+                job.served = job.served.max(least);
+                job.forgive();
+            }
+            Command::Pause | Command::Priority(_) => {}
+        }
+        self.stirred = true;
+    }
+
+    pub(super) fn planned(
+        &mut self,
+        key: TileKey,
+        pass: u32,
+        work: Option<(Work, f64)>,
+        _now: f64,
+        out: &mut Vec<Effect>,
+    ) {
+        let Some(job) = self.jobs.get_mut(&key.job) else { return };
+        let Some(open) = job.open_mut(key.frame) else { return };
+        let Some(tile) = open.tiles.get_mut(key.tile as usize) else { return };
+        if !matches!(tile.phase, Phase::Planning) || tile.passes != pass {
+            return;
+        }
+        open.planning -= 1;
+        let Some((work, share)) = work else {
+            tile.phase = Phase::Finished;
+            let area = tile.rect.area() as f64;
+            open.done += area * (1.0 - tile.share);
+            tile.share = 1.0;
+            open.unfinished -= 1;
+            out.push(Effect::TileFinished(key));
+            job.plan_around(key.frame, key.tile, out);
+            job.finish_frame_if_done(key.frame, out);
+            return;
+        };
+        let rect = tile.rect;
+        let mut running = Running { work, share, split: None, pieces: vec![Piece::new(rect)], saved: 0 };
+        if let Some((split, rects)) = tile.parts.take() {
+            running.split = Some(split);
+            running.pieces = rect.split(split).into_iter().map(Piece::new).collect();
+            for rect in rects {
+                if let Some(found) = running.piece(rect) {
+                    running.pieces[found].state = PieceState::Saved;
+                    running.saved += 1;
+                }
+            }
+        }
+        for (piece, _) in running.pieces.iter().enumerate().filter(|(_, p)| p.state == PieceState::Pending) {
+            open.pending.insert((pass, key.tile, piece as u32));
+        }
+        let complete = running.saved == running.pieces.len();
+        tile.phase = Phase::Running(running);
+        self.stirred = true;
+        if complete {
+            // All parts were stored before a restart, but not merged.
+            self.merge(key, out);
+        }
+    }
+
+    /// A pass is merged and stored: the tile, and those that waited for it, go on.
+    pub(super) fn merged(&mut self, key: TileKey, pass: u32, now: f64, out: &mut Vec<Effect>) {
+        let Some(job) = self.jobs.get_mut(&key.job) else { return };
+        let Some(open) = job.open_mut(key.frame) else { return };
+        let Some(tile) = open.tiles.get_mut(key.tile as usize) else { return };
+        if tile.passes != pass {
+            return;
+        }
+        let mut holders = Vec::new();
+        match std::mem::take(&mut tile.phase) {
+            Phase::Running(running) => {
+                for (index, piece) in running.pieces.iter().enumerate() {
+                    open.pending.remove(&(pass, key.tile, index as u32));
+                    holders.extend(piece.holders.iter().map(|&lease| (lease, index as u32)));
+                }
+                let area = tile.rect.area() as f64;
+                open.done += area * (running.share - tile.share);
+                tile.share = running.share;
+            }
+            // The job was restored while the pass was on its way to the disk.
+            Phase::Waiting => {}
+            Phase::Planning => open.planning -= 1,
+            Phase::Finished => {
+                tile.phase = Phase::Finished;
+                return;
+            }
+        }
+        tile.passes += 1;
+        job.plan_around(key.frame, key.tile, out);
+        for (lease, piece) in holders {
+            self.strike_out(lease, UnitRef { tile: key.tile, pass, piece }, now);
+        }
+    }
+
+    /// End a job whose work cannot be done.
+    pub(super) fn fail_job(&mut self, id: JobId, message: String, out: &mut Vec<Effect>) {
+        let Some(job) = self.jobs.get_mut(&id) else { return };
+        if job.set(JobState::Failed, out).is_ok() {
+            job.message = Some(message);
+            self.drop_leases(id);
+        }
+    }
+}
+
+impl Job {
+    /// Forget every failed attempt: somebody wants it tried again.
+    fn forgive(&mut self) {
+        for frame in &mut self.frames {
+            let Stage::Open(open) = &mut frame.stage else { continue };
+            for tile in &mut open.tiles {
+                let Phase::Running(running) = &mut tile.phase else { continue };
+                for piece in &mut running.pieces {
+                    piece.failed_on.clear();
+                    piece.failures = 0;
+                    piece.lost = 0;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Reading requests so that every error is ours and names its field.
+
+use std::collections::BTreeMap;
+
+use axum::{
+    body::Bytes,
+    extract::{FromRequest, FromRequestParts, Path, Query, Request, rejection::BytesRejection},
+    http::{StatusCode, request::Parts},
+};
+use common::{job::FieldError, scene::from_json};
+use serde::de::DeserializeOwned;
+
+use crate::error::Failure;
+
+/// A whole body, within the limit.
+pub(super) struct Body(pub(super) Bytes);
+
+impl<S: Send + Sync> FromRequest<S> for Body {
+    type Rejection = Failure;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+        Bytes::from_request(request, state).await.map(Body).map_err(|rejection: BytesRejection| {
+            if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
+                Failure::TooLarge("the body is larger than this route takes".into())
+            } else {
+                Failure::Malformed(rejection.body_text())
+            }
+        })
+    }
+}
+
+/// A JSON body, whatever the content type says; unknown fields are refused and errors name their path.
+pub(super) struct Json<T>(pub(super) T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Json<T> {
+    type Rejection = Failure;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+        let Body(bytes) = Body::from_request(request, state).await?;
+        Ok(Json(from_json(&bytes)?))
+    }
+}
+
+/// The parts of a path, each read by `FromStr`; what cannot be read does not exist.
+pub(super) struct Parsed<T>(pub(super) T);
+
+async fn segments<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<Vec<String>, Failure> {
+    let Path(found) = Path::<Vec<(String, String)>>::from_request_parts(parts, state)
+        .await
+        .map_err(|rejection| Failure::Malformed(rejection.body_text()))?;
+    Ok(found.into_iter().map(|(_, text)| text).collect())
+}
+
+fn read<T: std::str::FromStr>(segments: &[String], index: usize) -> Result<T, Failure>
+where
+    T::Err: std::fmt::Display,
+{
+    let text = segments.get(index).map_or("", String::as_str);
+    text.parse().map_err(|error| Failure::NotFound(format!("such thing: {error}")))
+}
+
+macro_rules! parsed {
+    ($($name:ident $index:literal),+) => {
+        impl<S: Send + Sync, $($name: std::str::FromStr),+> FromRequestParts<S> for Parsed<($($name,)+)>
+        where
+            $($name::Err: std::fmt::Display),+
+        {
+            type Rejection = Failure;
+
+            async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Failure> {
+                let segments = segments(parts, state).await?;
+                Ok(Parsed(($(read::<$name>(&segments, $index)?,)+)))
+            }
+        }
+    };
+}
+
+parsed!(A 0);
+parsed!(A 0, B 1);
+parsed!(A 0, B 1, C 2);
+
+/// The parameters of a query; those that a route does not know are refused.
+pub(super) struct Parameters(BTreeMap<String, String>);
+
+impl<S: Send + Sync> FromRequestParts<S> for Parameters {
+    type Rejection = Failure;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Failure> {
+        let Query(found) = Query::<BTreeMap<String, String>>::from_request_parts(parts, state)
+            .await
+            .map_err(|rejection| Failure::Malformed(rejection.body_text()))?;
+        Ok(Parameters(found))
+    }
+}
+
+impl Parameters {
+    /// Refuse parameters that are not in the list.
+    pub(super) fn only(self, known: &[&str]) -> Result<Self, Failure> {
+        match self.0.keys().find(|name| !known.contains(&name.as_str())) {
+            Some(name) => {
+                Err(FieldError::new(name, format!("unknown parameter, expected {}", known.join(", "))).into())
+            }
+            None => Ok(self),
+        }
+    }
+
+    /// A parameter; an empty one counts as absent.
+    pub(super) fn get<T: std::str::FromStr>(&self, name: &str) -> Result<Option<T>, Failure>
+    where
+        T::Err: std::fmt::Display,
+    {
+        let Some(text) = self.0.get(name).filter(|text| !text.is_empty()) else { return Ok(None) };
+        text.parse().map(Some).map_err(|error| FieldError::new(name, format!("{error}")).into())
+    }
+}

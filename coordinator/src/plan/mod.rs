@@ -1,0 +1,225 @@
+//! Which samples a tile gets next. Pure: statistics in, work out.
+//!
+//! The farm asks once a pass, when the tile (and, for a rule that looks across borders, its neighbours)
+//! has finished the one before. A rule knows nothing of workers, leases, stores or clocks.
+
+pub mod interval;
+
+use common::{
+    film::Moments,
+    job::{FieldError, Quality},
+    method::{Adaptive, Method},
+    pass::{self, Work},
+    tile::Rect,
+};
+use serde::{Deserialize, Serialize};
+
+/// How the passes of a job's tiles follow from its quality target and method.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "rule", rename_all = "snake_case")]
+pub enum Rule {
+    /// The same number of samples for every pixel, in passes of growing size.
+    Uniform {
+        /// Samples of a pixel.
+        samples: u32,
+        /// Samples of a batch.
+        batch: u32,
+    },
+    /// The textbook rule: every pixel for itself, in one pass.
+    Textbook {
+        /// Samples between two looks at the error.
+        batch: u32,
+        /// Half-width of the 95% interval relative to the mean.
+        tolerance: f64,
+        /// Most samples of a pixel.
+        max_samples: u32,
+    },
+}
+
+/// What a rule says about a tile.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// Render this; when it is merged, `share` of the tile's work is done.
+    Render {
+        /// The samples.
+        work: Work,
+        /// Share of the tile's work that is done after it, 0 to 1.
+        share: f64,
+    },
+    /// The tile is finished.
+    Finished,
+}
+
+/// A tile and the ring of pixels around it, all exactly as of the end of one pass.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surroundings {
+    /// The pixels covered: the tile grown by [`RING`] pixels and cut at the region's edge.
+    pub rect: Rect,
+    /// Their moments, in row order.
+    pub moments: Vec<Moments>,
+    /// For each, whether its tile is finished and so counts as having met the target.
+    pub finished: Vec<bool>,
+}
+
+/// Pixels that a rule may look across a tile's border.
+pub const RING: u32 = 1;
+
+impl Rule {
+    /// The rule for a quality target and a method.
+    ///
+    /// # Errors
+    /// A target and a method that contradict each other, by field.
+    pub fn of(quality: &Quality, method: &Method) -> Result<Rule, FieldError> {
+        match (quality, method.adaptive) {
+            (&Quality::Samples { samples }, None | Some(Adaptive::Off)) => {
+                Ok(Rule::Uniform { samples, batch: pass::batch_for(samples) })
+            }
+            (&Quality::Samples { samples }, Some(Adaptive::Textbook)) => Ok(Rule::Textbook {
+                batch: method.adaptive_batch,
+                tolerance: method.adaptive_tolerance,
+                max_samples: samples,
+            }),
+            (Quality::Samples { .. }, Some(Adaptive::On)) => Err(FieldError::new(
+                "method.adaptive",
+                "a fixed number of samples leaves nothing to adapt; ask for a noise target, or leave this out",
+            )),
+            (&Quality::Noise { relative_error, max_samples, .. }, None | Some(Adaptive::On | Adaptive::Textbook)) => {
+                Ok(Rule::Textbook { batch: method.adaptive_batch, tolerance: relative_error, max_samples })
+            }
+            (Quality::Noise { .. }, Some(Adaptive::Off)) => Err(FieldError::new(
+                "method.adaptive",
+                "a noise target needs adaptive sampling; ask for a number of samples, or leave this out",
+            )),
+            (Quality::Time { .. }, _) => Err(FieldError::new(
+                "quality.target",
+                "a time target cannot be rendered by this version; ask for noise or samples",
+            )),
+        }
+    }
+
+    /// The rule of the same job with a finer target, so that no sample is wasted and the bits are those of
+    /// a job that asked for the finer target at once.
+    ///
+    /// # Errors
+    /// The target cannot be continued to, by field.
+    pub fn continued(&self, finer: &Rule) -> Result<(), FieldError> {
+        let (&Rule::Uniform { samples: old, batch }, &Rule::Uniform { samples: new, batch: new_batch }) = (self, finer)
+        else {
+            let message = "only a fixed number of samples can be raised; submit a new job for this target";
+            return Err(FieldError::new("quality", message));
+        };
+        let boundary = (0..32).any(|pass| {
+            let end = pass::uniform_end(pass, u32::MAX, batch);
+            end == old
+        });
+        if new < old {
+            let message = format!("{new} samples is less than the {old} the job already asks for");
+            Err(FieldError::new("quality.samples", message))
+        } else if new > old && (!boundary || batch != new_batch) {
+            let message =
+                format!("{old} samples cannot be continued; 64, 256, 1024 and so on can. Submit a new job instead");
+            Err(FieldError::new("quality.samples", message))
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Samples of a batch, part of the settings that units share.
+    #[must_use]
+    pub fn batch(&self) -> u32 {
+        match *self {
+            Rule::Uniform { batch, .. } => batch,
+            Rule::Textbook { .. } => pass::BATCH,
+        }
+    }
+
+    /// Share of a tile's work that is done after so many passes, where that follows from their number; a
+    /// finer target makes it less than it was.
+    #[must_use]
+    pub fn share(&self, passes: u32) -> Option<f64> {
+        match *self {
+            _ if passes == 0 => Some(0.0),
+            Rule::Uniform { samples, batch } => {
+                Some(f64::from(pass::uniform_end(passes - 1, samples, batch)) / f64::from(samples))
+            }
+            Rule::Textbook { .. } => Some(1.0),
+        }
+    }
+
+    /// Whether the next pass depends on what was measured in the tile and around it. If so, a tile's pass
+    /// is planned only when its neighbours have finished the one before.
+    #[must_use]
+    pub fn looks_around(&self) -> bool {
+        match self {
+            Rule::Uniform { .. } | Rule::Textbook { .. } => false,
+        }
+    }
+
+    /// Plan pass `pass` of a tile. `around` is given where [`Rule::looks_around`] and `pass` is above 0.
+    #[must_use]
+    pub fn step(&self, pass: u32, _rect: Rect, _around: Option<&Surroundings>) -> Step {
+        match *self {
+            Rule::Uniform { samples, batch } => match pass::uniform_pass(pass, samples, batch) {
+                Some(work) => Step::Render { work, share: self.share(pass + 1).unwrap_or(1.0) },
+                None => Step::Finished,
+            },
+            Rule::Textbook { batch, tolerance, max_samples } => match pass {
+                0 => Step::Render { work: Work::Textbook { batch, tolerance, max_samples }, share: 1.0 },
+                _ => Step::Finished,
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn method(adaptive: Option<Adaptive>) -> Method {
+        Method { adaptive, ..Method::default() }
+    }
+
+    #[test]
+    fn targets_and_methods_that_agree_give_a_rule_and_others_name_the_field() {
+        let samples = Quality::Samples { samples: 64 };
+        let noise = Quality::default();
+        let time = Quality::Time { cpu_seconds: 1.0, max_samples: 64 };
+        for (quality, adaptive, expected) in [
+            (&samples, None, Ok(Rule::Uniform { samples: 64, batch: 16 })),
+            (&samples, Some(Adaptive::Off), Ok(Rule::Uniform { samples: 64, batch: 16 })),
+            (&samples, Some(Adaptive::Textbook), Ok(Rule::Textbook { batch: 32, tolerance: 0.05, max_samples: 64 })),
+            (&samples, Some(Adaptive::On), Err("method.adaptive")),
+            (&noise, None, Ok(Rule::Textbook { batch: 32, tolerance: 0.1, max_samples: 4096 })),
+            (&noise, Some(Adaptive::Off), Err("method.adaptive")),
+            (&time, None, Err("quality.target")),
+        ] {
+            let found = Rule::of(quality, &method(adaptive));
+            assert_eq!(found.map_err(|e| e.field), expected.map_err(String::from), "{quality:?} {adaptive:?}");
+        }
+    }
+
+    #[test]
+    fn a_fixed_count_ends_with_the_whole_share() {
+        let rule = Rule::Uniform { samples: 100, batch: 16 };
+        let rect = Rect::frame(8, 8);
+        let mut last = 0.0;
+        for pass in 0.. {
+            let Step::Render { share, .. } = rule.step(pass, rect, None) else { break };
+            assert!(share > last);
+            last = share;
+        }
+        assert_eq!(last, 1.0);
+    }
+
+    #[test]
+    fn only_counts_at_the_end_of_a_full_pass_can_be_raised() {
+        let uniform = |samples| Rule::Uniform { samples, batch: pass::batch_for(samples) };
+        assert!(uniform(64).continued(&uniform(256)).is_ok());
+        assert!(uniform(64).continued(&uniform(64)).is_ok());
+        assert!(uniform(64).continued(&uniform(100)).is_ok());
+        for (old, new) in [(100, 256), (64, 32), (32, 64)] {
+            let error = uniform(old).continued(&uniform(new)).unwrap_err();
+            assert_eq!(error.field, "quality.samples", "{old} to {new}");
+        }
+    }
+}

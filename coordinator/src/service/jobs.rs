@@ -1,0 +1,442 @@
+//! Jobs: submitted, changed, looked at, deleted.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError, atomic::Ordering},
+};
+
+use common::{
+    hash::AssetHash,
+    job::{FieldError, Frames, JobId, JobRequest, JobState, SceneRef, check_resolution},
+    protocol::{FrameView, JobPatch, JobView, TileView},
+    scene::{SceneError, SceneFile},
+    tile::TileGrid,
+};
+use serde::Serialize;
+
+use super::{JobEntry, Service, lock, measure, measure::Measure, refusal};
+use crate::{
+    error::Failure,
+    farm::{Command, Event, Farm, JobSpec, Restored, TileKey, TileProgress},
+    plan::Rule,
+    store::{JobRecord, Write},
+    time::stamp,
+};
+
+/// Most tiles of a frame.
+const MAX_TILES: u64 = 1 << 18;
+/// Most bytes of a scene file.
+pub(crate) const MAX_SCENE: u64 = 256 << 20;
+
+/// A tile that was merged or finished.
+#[derive(Serialize)]
+struct TileNotice {
+    job: JobId,
+    frame: u32,
+    tile: u32,
+    done: bool,
+}
+
+impl Service {
+    /// Take in a job. When this returns, it is on disk.
+    ///
+    /// # Errors
+    /// A field that is wrong, or files that are missing.
+    pub async fn submit(self: &Arc<Self>, request: JobRequest) -> Result<JobView, Failure> {
+        request.validate()?;
+        let (scene, hash) = self.scene_of(&request).await?;
+        self.check_assets(&scene).await?;
+        let resolution = request.resolution.unwrap_or([scene.film.width, scene.film.height]);
+        check_resolution("resolution", resolution[0], resolution[1])?;
+        let region = request.region(resolution)?;
+        let grid = TileGrid::new(region, request.tile);
+        let tiles = u64::from(grid.columns()) * u64::from(grid.rows());
+        if tiles > MAX_TILES {
+            let message = format!("{} pixels make {tiles} tiles, more than {MAX_TILES}", request.tile);
+            return Err(FieldError::new("tile", message).into());
+        }
+        let quality = request.quality.or(scene.settings.quality).unwrap_or_default();
+        let method = request.method.or(&scene.settings.method).resolve();
+        let rule = Rule::of(&quality, &method)?;
+        let name = request.name.filter(|name| !name.is_empty()).unwrap_or(scene.name);
+        let record = JobRecord {
+            id: JobId(self.next_job.fetch_add(1, Ordering::Relaxed)),
+            name: if name.is_empty() { "untitled".into() } else { name },
+            scene: hash,
+            frames: request.frames.or(scene.settings.frames).unwrap_or_default(),
+            resolution,
+            region,
+            tile: request.tile,
+            quality,
+            method,
+            rule,
+            priority: request.priority,
+            tags: request.tags,
+            seed: request.seed,
+            state: JobState::Queued,
+            message: None,
+            tracer: None,
+            created_at: stamp(),
+            finished_at: None,
+            done: None,
+        };
+        let id = record.id;
+        let stored = self.store.write(Write::Job(Box::new(record.clone())));
+        let spec = spec_of(&record);
+        self.add_entry(record, Measure::default());
+        stored.await?;
+        self.apply(Event::Submit(spec));
+        self.settle().await?;
+        self.job_view(id)
+    }
+
+    /// The scene a request names, and the hash it is stored under.
+    async fn scene_of(&self, request: &JobRequest) -> Result<(SceneFile, AssetHash), Failure> {
+        match &request.scene {
+            SceneRef::Asset { asset } => {
+                let Some(bytes) = self.blobs.read(*asset, MAX_SCENE).await? else {
+                    return Err(Failure::MissingAssets(vec![*asset]));
+                };
+                let parsed = crate::bridge::blocking("reading a scene", move || SceneFile::parse(&bytes)).await?;
+                let scene = parsed.map_err(|error| match error {
+                    SceneError::Field(e) => FieldError::new(inside_scene(&e.field), e.message),
+                    SceneError::Syntax(message) => FieldError::new("scene", format!("not valid JSON: {message}")),
+                })?;
+                Ok((scene, *asset))
+            }
+            SceneRef::Inline(scene) => {
+                scene.check().map_err(|error| match error {
+                    SceneError::Field(e) => FieldError::new(inside_scene(&e.field), e.message),
+                    SceneError::Syntax(message) => FieldError::new("scene", message),
+                })?;
+                let bytes = serde_json::to_vec(scene).map_err(|error| Failure::Internal(error.to_string()))?;
+                let hash = AssetHash::of(&bytes);
+                let once = futures::stream::iter([Ok::<_, String>(bytes.into())]);
+                self.blobs.put(hash, once, MAX_SCENE).await?;
+                Ok(((**scene).clone(), hash))
+            }
+        }
+    }
+
+    /// Every file that the scene names must have a hash, and every hash must be stored.
+    async fn check_assets(&self, scene: &SceneFile) -> Result<(), Failure> {
+        for (field, file) in scene.files() {
+            if !scene.assets.contains_key(&file) {
+                let message = format!("scene.assets has no hash for \"{file}\"");
+                return Err(FieldError::new(inside_scene(&field), message).into());
+            }
+        }
+        let mut missing = Vec::new();
+        for hash in scene.assets.values() {
+            if !missing.contains(hash) && self.blobs.size(*hash).await?.is_none() {
+                missing.push(*hash);
+            }
+        }
+        if missing.is_empty() { Ok(()) } else { Err(Failure::MissingAssets(missing)) }
+    }
+
+    fn add_entry(&self, record: JobRecord, measure: Measure) {
+        let entry = JobEntry { record: Mutex::new(record), measure: Mutex::new(measure) };
+        let id = lock(&entry.record).id;
+        self.jobs.write().unwrap_or_else(PoisonError::into_inner).insert(id, Arc::new(entry));
+    }
+
+    /// Take up a stored job.
+    pub(super) async fn restore(self: &Arc<Self>, record: JobRecord) -> anyhow::Result<()> {
+        let tiles = self.store.tiles(record.id).await?;
+        let mut measure = Measure::default();
+        for tile in &tiles {
+            measure.replace(tile.key.frame, None, &tile.record);
+        }
+        let id = record.id;
+        self.add_entry(record, measure);
+        self.restore_to_farm(id).await.map_err(|failure| anyhow::anyhow!("job {id}: {failure}"))
+    }
+
+    /// Give a job to the farm as it is stored.
+    async fn restore_to_farm(self: &Arc<Self>, id: JobId) -> Result<(), Failure> {
+        let Some(entry) = self.entry(id) else { return Ok(()) };
+        let record = lock(&entry.record).clone();
+        let mut tiles: BTreeMap<(u32, u32), TileProgress> = BTreeMap::new();
+        if record.state != JobState::Completed {
+            for tile in self.store.tiles(id).await? {
+                let progress = TileProgress {
+                    passes: tile.record.passes,
+                    share: record.rule.share(tile.record.passes).unwrap_or(tile.record.share),
+                    finished: tile.record.finished,
+                    attempts: tile.record.attempts,
+                    worker: tile.record.worker,
+                    parts: None,
+                };
+                tiles.insert((tile.key.frame, tile.key.tile), progress);
+            }
+            for part in self.store.parts(id).await? {
+                let progress = tiles.entry((part.key.frame, part.key.tile)).or_default();
+                if part.pass == progress.passes {
+                    let (split, rects) = progress.parts.get_or_insert_with(|| (part.split, Vec::new()));
+                    if *split == part.split {
+                        rects.push(part.rect);
+                    }
+                }
+            }
+        }
+        let done = record.done.as_ref().map(|done| done.numbers().to_vec()).unwrap_or_default();
+        let restored = Restored { spec: spec_of(&record), state: record.state, message: record.message, done, tiles };
+        self.apply(Event::Restore(Box::new(restored)));
+        Ok(())
+    }
+
+    /// Carry out a person's wish for a job. When this returns, it is on disk.
+    ///
+    /// # Errors
+    /// There is no such job, or it is in a state that does not allow it.
+    pub async fn command(self: &Arc<Self>, id: JobId, command: Command) -> Result<JobView, Failure> {
+        refusal(&self.apply(Event::Command(id, command)))?;
+        self.settle().await?;
+        self.job_view(id)
+    }
+
+    /// Change a job. When this returns, it is on disk.
+    ///
+    /// # Errors
+    /// There is no such job, or a field that is wrong.
+    pub async fn patch(self: &Arc<Self>, id: JobId, patch: JobPatch) -> Result<JobView, Failure> {
+        let entry = self.entry(id).ok_or_else(|| Failure::NotFound(format!("job {id}")))?;
+        let rule = match &patch.quality {
+            None => None,
+            Some(quality) => {
+                quality.validate()?;
+                let record = lock(&entry.record);
+                let rule = Rule::of(quality, &record.method)?;
+                record.rule.continued(&rule)?;
+                Some(rule)
+            }
+        };
+        if patch.priority.is_some_and(|priority| priority > 100) {
+            return Err(FieldError::new("priority", "is not within 0 to 100").into());
+        }
+        if let Some(name) = patch.name {
+            lock(&entry.record).name = name;
+        }
+        if let Some(priority) = patch.priority {
+            refusal(&self.apply(Event::Command(id, Command::Priority(priority))))?;
+        }
+        if let (Some(rule), Some(quality)) = (rule, patch.quality) {
+            self.continue_to(&entry, id, rule, quality).await?;
+        }
+        drop(self.store.write(Write::Job(Box::new(lock(&entry.record).clone()))));
+        self.settle().await?;
+        self.job_view(id)
+    }
+
+    /// Let a job go on to a finer target, from the samples it has.
+    async fn continue_to(
+        self: &Arc<Self>,
+        entry: &JobEntry,
+        id: JobId,
+        rule: Rule,
+        quality: common::job::Quality,
+    ) -> Result<(), Failure> {
+        if lock(&entry.record).rule == rule {
+            lock(&entry.record).quality = quality;
+            return Ok(());
+        }
+        {
+            let mut record = lock(&entry.record);
+            record.rule = rule;
+            record.quality = quality;
+            record.done = None;
+            if record.state == JobState::Completed {
+                record.state = JobState::Queued;
+                record.finished_at = None;
+            }
+            drop(self.store.write(Write::Reopen(id)));
+            drop(self.store.write(Write::Job(Box::new(record.clone()))));
+        }
+        self.settle().await?;
+        self.restore_to_farm(id).await
+    }
+
+    /// Delete a job that is over, and its pictures. When this returns, that is on disk.
+    ///
+    /// # Errors
+    /// There is no such job, or it is not over.
+    pub async fn delete(self: &Arc<Self>, id: JobId) -> Result<(), Failure> {
+        refusal(&self.apply(Event::Command(id, Command::Remove)))?;
+        self.jobs.write().unwrap_or_else(PoisonError::into_inner).remove(&id);
+        self.films.forget(|key| key.job == id);
+        self.store.write(Write::DeleteJob(id)).await?;
+        self.notify("removed", Some(id), &id);
+        Ok(())
+    }
+
+    /// Note what the farm says of a job: queued for the disk, in order.
+    pub(super) fn job_changed(&self, id: JobId, farm: &Farm, frame_done: bool) {
+        let (Some(entry), Some((state, message, priority))) = (self.entry(id), farm.brief(id)) else { return };
+        let mut record = lock(&entry.record);
+        if frame_done {
+            record.done = Frames::of(farm.frames_done(id));
+        }
+        let before = record.clone();
+        if state.is_final() && record.finished_at.is_none() {
+            record.finished_at = Some(stamp());
+        } else if !state.is_final() {
+            record.finished_at = None;
+        }
+        record.state = state;
+        record.message = message;
+        record.priority = priority;
+        record.tracer = farm.tracer(id);
+        if before != *record || frame_done {
+            drop(self.store.write(Write::Job(Box::new(record.clone()))));
+        }
+        lock(&self.dirty).jobs.insert(id, true);
+    }
+
+    /// A job as people see it.
+    ///
+    /// # Errors
+    /// There is no such job.
+    pub fn job_view(&self, id: JobId) -> Result<JobView, Failure> {
+        let gone = || Failure::NotFound(format!("job {id}"));
+        let entry = self.entry(id).ok_or_else(gone)?;
+        let status = self.farm().job(id, self.now()).ok_or_else(gone)?;
+        let record = lock(&entry.record).clone();
+        let measure = lock(&entry.measure);
+        let region = record.region.area() as f64;
+        let noise = measure::target(&record.quality).is_some();
+        let frames = status
+            .frames
+            .iter()
+            .map(|frame| {
+                let measured = measure.frames.get(&frame.frame);
+                FrameView {
+                    frame: frame.frame,
+                    progress: frame.progress,
+                    done: frame.done,
+                    mean_samples: measured.map_or(0.0, |m| m.samples as f64 / region),
+                    max_samples: measured.map_or(0, |m| m.max_samples),
+                    within_target: measured
+                        .filter(|m| noise && m.pixels > 0)
+                        .map(|m| m.within as f64 / m.pixels as f64),
+                }
+            })
+            .collect();
+        Ok(JobView {
+            id,
+            name: record.name,
+            state: status.state,
+            message: status.message,
+            progress: status.progress,
+            samples: measure.work.samples,
+            samples_per_second: status.samples_per_second,
+            error: measure.error(),
+            eta_seconds: status.eta_seconds,
+            frames,
+            scene: record.scene,
+            resolution: record.resolution,
+            region: record.region,
+            tile: record.tile,
+            quality: record.quality,
+            method: record.method,
+            priority: status.priority,
+            tags: record.tags,
+            seed: record.seed,
+            tracer: status.tracer,
+            created_at: record.created_at,
+            finished_at: record.finished_at,
+            statistics: measure.statistics(status.retries),
+        })
+    }
+
+    /// Jobs, newest first: those in `state` (all if absent) older than `before`, at most `limit`; and where
+    /// the next page begins.
+    #[must_use]
+    pub fn list_jobs(
+        &self,
+        state: Option<JobState>,
+        before: Option<JobId>,
+        limit: usize,
+    ) -> (Vec<JobView>, Option<JobId>) {
+        let mut chosen: Vec<JobId> = {
+            let farm = self.farm();
+            let wanted = |id: &JobId| {
+                before.is_none_or(|before| *id < before) && state.is_none_or(|state| farm.job_state(*id) == Some(state))
+            };
+            farm.jobs().rev().filter(wanted).take(limit + 1).collect()
+        };
+        let more = chosen.len() > limit;
+        chosen.truncate(limit);
+        let next = chosen.last().copied().filter(|_| more);
+        (chosen.into_iter().filter_map(|id| self.job_view(id).ok()).collect(), next)
+    }
+
+    /// The tiles of a frame.
+    ///
+    /// # Errors
+    /// There is no such job or frame.
+    pub async fn tile_views(&self, id: JobId, frame: u32) -> Result<Vec<TileView>, Failure> {
+        let record = self.record_with_frame(id, frame)?;
+        let done = record.done.as_ref().is_some_and(|done| done.numbers().binary_search(&frame).is_ok());
+        let live = self.farm().tiles(id, frame);
+        let stored: BTreeMap<u32, _> = self
+            .store
+            .tiles(id)
+            .await?
+            .into_iter()
+            .filter(|tile| tile.key.frame == frame)
+            .map(|tile| (tile.key.tile, tile.record))
+            .collect();
+        let grid = record.grid();
+        let view = |tile| {
+            let known = stored.get(&tile);
+            let now = live.as_ref().and_then(|tiles| tiles.get(tile as usize));
+            Some(TileView {
+                tile,
+                rect: grid.rect(tile)?,
+                state: now.map_or(if done { "done" } else { "waiting" }, |now| now.state).into(),
+                passes: known.map_or(0, |known| known.passes),
+                attempts: now.map(|now| now.attempts).or(known.map(|known| known.attempts)).unwrap_or(0),
+                worker: now.and_then(|now| now.worker).or(known.and_then(|known| known.worker)),
+                milliseconds: known.map_or(0.0, |known| known.work.cpu_seconds * 1e3),
+                samples: known.map_or(0, |known| known.work.samples),
+            })
+        };
+        Ok((0..grid.count()).filter_map(view).collect())
+    }
+
+    /// A job's record, if it has that frame.
+    pub(super) fn record_with_frame(&self, id: JobId, frame: u32) -> Result<JobRecord, Failure> {
+        let entry = self.entry(id).ok_or_else(|| Failure::NotFound(format!("job {id}")))?;
+        let record = lock(&entry.record);
+        if record.frames.numbers().binary_search(&frame).is_err() {
+            return Err(Failure::NotFound(format!("frame {frame} of job {id}")));
+        }
+        Ok(record.clone())
+    }
+
+    pub(super) fn tell_tile(&self, key: TileKey, done: bool) {
+        if self.notices.receiver_count() > 0 {
+            let TileKey { job, frame, tile } = key;
+            self.notify("tile", Some(job), &TileNotice { job, frame, tile, done });
+        }
+    }
+}
+
+fn spec_of(record: &JobRecord) -> JobSpec {
+    JobSpec {
+        id: record.id,
+        scene: record.scene,
+        frames: record.frames.numbers().to_vec(),
+        grid: record.grid(),
+        batch: record.rule.batch(),
+        gated: record.rule.looks_around(),
+        priority: record.priority,
+        tracer: record.tracer.clone(),
+    }
+}
+
+/// Where a field of the scene is in the request.
+fn inside_scene(field: &str) -> String {
+    if field.starts_with('(') { "scene".into() } else { format!("scene.{field}") }
+}

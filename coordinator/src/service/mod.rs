@@ -1,0 +1,347 @@
+//! The farm, its store and its files, put together: events go in, effects are carried out.
+//!
+//! This is where time comes in and where async begins. It decides nothing: what happens next is the farm's
+//! business, which samples come next is the plan's.
+
+pub mod films;
+pub mod images;
+mod jobs;
+mod measure;
+mod results;
+mod workers;
+
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap, VecDeque},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError, RwLock,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use common::{
+    job::{JobId, WorkerId},
+    protocol::{Lease, RenderSettings},
+};
+use tokio::sync::{broadcast, oneshot};
+use tokio_util::sync::CancellationToken;
+
+use crate::{
+    blobs::Blobs,
+    config::Config,
+    error::Failure,
+    farm::{self, Effect, Event, Farm, Grant, TileKey},
+    plan::Step,
+    store::{JobRecord, SqliteStore, Store, StoreError, Write},
+    time::Clock,
+};
+
+use films::FilmCache;
+use measure::Measure;
+pub use results::Receipt;
+
+/// Everything the routes need.
+pub struct Service {
+    /// Settings.
+    pub config: Config,
+    /// Files.
+    pub blobs: Blobs,
+    /// Ends long polls and streams.
+    pub leaving: CancellationToken,
+    store: Arc<dyn Store>,
+    clock: Clock,
+    farm: Mutex<Farm>,
+    jobs: RwLock<BTreeMap<JobId, Arc<JobEntry>>>,
+    asks: Mutex<HashMap<u64, oneshot::Sender<Lease>>>,
+    films: FilmCache,
+    notices: broadcast::Sender<Arc<Notice>>,
+    dirty: Mutex<Dirty>,
+    next_ask: AtomicU64,
+    next_job: AtomicU64,
+    epoch: u64,
+    tallies: Tallies,
+}
+
+/// A job's record and what was measured of it.
+#[derive(Debug)]
+struct JobEntry {
+    record: Mutex<JobRecord>,
+    measure: Mutex<Measure>,
+}
+
+/// Something that listeners are told.
+#[derive(Debug, Clone)]
+pub struct Notice {
+    /// `state`, `progress`, `tile`, `worker` or `removed`.
+    pub name: &'static str,
+    /// The job it is about.
+    pub job: Option<JobId>,
+    /// JSON.
+    pub data: String,
+}
+
+/// What listeners have not been told yet.
+#[derive(Debug, Default)]
+struct Dirty {
+    /// Jobs that went on; whether their state changed too.
+    jobs: BTreeMap<JobId, bool>,
+    workers: BTreeSet<WorkerId>,
+}
+
+/// Counts for the metrics.
+#[derive(Debug, Default)]
+pub(crate) struct Tallies {
+    pub(crate) result_bytes: AtomicU64,
+    pub(crate) refused_results: AtomicU64,
+    pub(crate) samples: AtomicU64,
+}
+
+/// How often time passes for the farm, and listeners are told.
+const TICK: Duration = Duration::from_millis(250);
+/// Notices that a slow listener may fall behind before it is told the whole state again.
+const NOTICES: usize = 1024;
+
+impl Service {
+    /// Open the files in the data folder and take up what is in them.
+    ///
+    /// # Errors
+    /// The folder cannot be used, or what is in it cannot be read.
+    pub async fn open(config: Config) -> anyhow::Result<Arc<Self>> {
+        std::fs::create_dir_all(&config.data)?;
+        let store = SqliteStore::open(&config.data.join("tessera.sqlite")).await?;
+        let blobs = Blobs::folder(&config.data.join("assets"))?;
+        Self::start(config, Arc::new(store), blobs).await
+    }
+
+    /// Take up what is in a store.
+    ///
+    /// # Errors
+    /// The store cannot be read.
+    pub async fn start(config: Config, store: Arc<dyn Store>, blobs: Blobs) -> anyhow::Result<Arc<Self>> {
+        let snapshot = store.begin().await?;
+        let films = FilmCache::new(config.film_cache);
+        let service = Arc::new(Service {
+            config,
+            blobs,
+            leaving: CancellationToken::new(),
+            store,
+            clock: Clock::start(),
+            farm: Mutex::new(Farm::new(snapshot.epoch)),
+            jobs: RwLock::default(),
+            asks: Mutex::default(),
+            films,
+            notices: broadcast::channel(NOTICES).0,
+            dirty: Mutex::default(),
+            next_ask: AtomicU64::new(1),
+            next_job: AtomicU64::new(snapshot.next_job.max(1)),
+            epoch: snapshot.epoch,
+            tallies: Tallies::default(),
+        });
+        for (id, record) in snapshot.workers {
+            let history =
+                farm::WorkerHistory { units: record.units, failures: record.failures, disabled: record.disabled };
+            service.apply(Event::RestoreWorker(id, record.register, history));
+        }
+        for record in snapshot.jobs {
+            service.restore(record).await?;
+        }
+        let ticking = Arc::downgrade(&service);
+        let leaving = service.leaving.clone();
+        tokio::spawn(async move {
+            let mut ticks = tokio::time::interval(TICK);
+            ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+            loop {
+                tokio::select! {
+                    () = leaving.cancelled() => break,
+                    _ = ticks.tick() => {}
+                }
+                let Some(service) = ticking.upgrade() else { break };
+                service.apply(Event::Tick);
+                service.tell();
+            }
+        });
+        Ok(service)
+    }
+
+    /// Stop: nothing new is begun, and what was taken in reaches the disk.
+    pub async fn close(&self) {
+        self.leaving.cancel();
+        for worker in self.farm().workers(self.clock.now()) {
+            self.save_worker(worker.id);
+        }
+        if let Err(error) = self.store.close().await {
+            tracing::error!(%error, "the store could not be closed");
+        }
+    }
+
+    /// The farm, for looking at it. Held for moments only, and never across an await.
+    pub(crate) fn farm(&self) -> MutexGuard<'_, Farm> {
+        lock(&self.farm)
+    }
+
+    /// Seconds since the start.
+    #[must_use]
+    pub fn now(&self) -> f64 {
+        self.clock.now()
+    }
+
+    /// How often the store was begun.
+    #[must_use]
+    pub fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
+    pub(crate) fn tallies(&self) -> &Tallies {
+        &self.tallies
+    }
+
+    /// Hear what happens from now on.
+    #[must_use]
+    pub fn listen(&self) -> broadcast::Receiver<Arc<Notice>> {
+        self.notices.subscribe()
+    }
+
+    fn entry(&self, id: JobId) -> Option<Arc<JobEntry>> {
+        self.jobs.read().unwrap_or_else(PoisonError::into_inner).get(&id).cloned()
+    }
+
+    /// Wait until everything written so far is on disk.
+    async fn settle(&self) -> Result<(), StoreError> {
+        self.store.write(Write::Barrier).await
+    }
+
+    /// Give the farm an event and carry out what follows from it. Returns what is left to the caller: the
+    /// answers to its event.
+    fn apply(self: &Arc<Self>, event: Event) -> Vec<Effect> {
+        let mut farm = self.farm();
+        let now = self.clock.now();
+        let mut events = VecDeque::from([event]);
+        let mut answers = Vec::new();
+        while let Some(event) = events.pop_front() {
+            for effect in farm.apply(event, now) {
+                match effect {
+                    Effect::Plan(tile, pass) => events.extend(self.plan(tile, pass)),
+                    Effect::Grant(ask, grant) => events.extend(self.deliver(ask, grant, &farm)),
+                    Effect::Merge(accepted) => {
+                        tokio::spawn(Arc::clone(self).merge_parts(accepted));
+                    }
+                    Effect::TileFinished(key) => self.tile_finished(key),
+                    Effect::FrameDone(job, _) => self.job_changed(job, &farm, true),
+                    Effect::JobChanged(job) => self.job_changed(job, &farm, false),
+                    Effect::WorkerChanged(worker) => {
+                        lock(&self.dirty).workers.insert(worker);
+                    }
+                    answer => answers.push(answer),
+                }
+            }
+        }
+        answers
+    }
+
+    /// Plan a pass: at once where no measurement is needed, else on another thread.
+    fn plan(self: &Arc<Self>, tile: TileKey, pass: u32) -> Option<Event> {
+        let Some(entry) = self.entry(tile.job) else { return Some(Event::Planned { tile, pass, work: None }) };
+        let (rule, rect) = {
+            let record = lock(&entry.record);
+            (record.rule.clone(), record.grid().rect(tile.tile)?)
+        };
+        if pass > 0 && rule.looks_around() {
+            tokio::spawn(Arc::clone(self).plan_from_films(tile, pass));
+            return None;
+        }
+        Some(planned(tile, pass, rule.step(pass, rect, None)))
+    }
+
+    /// Send a lease to the request that waits for it.
+    fn deliver(&self, ask: u64, grant: Grant, farm: &Farm) -> Option<Event> {
+        let undelivered = Event::Undelivered(grant.lease);
+        let Some(waiting) = lock(&self.asks).remove(&ask) else { return Some(undelivered) };
+        let Some(entry) = self.entry(grant.job) else { return Some(undelivered) };
+        let tracer = farm.tracer(grant.job).unwrap_or_default();
+        let lease = {
+            let record = lock(&entry.record);
+            Lease {
+                id: grant.lease,
+                seconds: farm::LEASE_SECONDS,
+                tracer,
+                scene: record.scene,
+                settings: RenderSettings {
+                    frame: grant.frame,
+                    resolution: record.resolution,
+                    method: record.method.clone(),
+                    seed: record.seed,
+                    batch: record.rule.batch(),
+                },
+                units: grant.units,
+            }
+        };
+        waiting.send(lease).err().map(|_| undelivered)
+    }
+
+    fn tile_finished(&self, key: TileKey) {
+        let Some(entry) = self.entry(key.job) else { return };
+        // Where nobody looks across borders, planning the tile again says the same.
+        if lock(&entry.record).rule.looks_around() {
+            drop(self.store.write(Write::Finished(key)));
+        }
+        self.tell_tile(key, true);
+    }
+
+    /// Tell listeners what changed since the last time.
+    fn tell(self: &Arc<Self>) {
+        let Dirty { jobs, workers } = std::mem::take(&mut *lock(&self.dirty));
+        if self.notices.receiver_count() == 0 {
+            return;
+        }
+        for (id, changed) in jobs {
+            if let Ok(view) = self.job_view(id) {
+                self.notify(if changed { "state" } else { "progress" }, Some(id), &view);
+            }
+        }
+        let farm = self.farm();
+        let now = self.clock.now();
+        let views: Vec<_> = workers.into_iter().filter_map(|id| farm.worker(id, now)).collect();
+        drop(farm);
+        for view in views {
+            self.notify("worker", None, &view);
+        }
+    }
+
+    fn notify(&self, name: &'static str, job: Option<JobId>, data: &impl serde::Serialize) {
+        match serde_json::to_string(data) {
+            // An error here means that nobody listens.
+            Ok(data) => drop(self.notices.send(Arc::new(Notice { name, job, data }))),
+            Err(error) => tracing::error!(%error, "a notice could not be written"),
+        }
+    }
+
+    fn next_ask(&self) -> u64 {
+        self.next_ask.fetch_add(1, Ordering::Relaxed)
+    }
+}
+
+fn planned(tile: TileKey, pass: u32, step: Step) -> Event {
+    let work = match step {
+        Step::Render { work, share } => Some((work, share)),
+        Step::Finished => None,
+    };
+    Event::Planned { tile, pass, work }
+}
+
+/// The answers that refuse an event.
+fn refusal(answers: &[Effect]) -> Result<(), Failure> {
+    for answer in answers {
+        match answer {
+            Effect::UnknownJob(id) => return Err(Failure::NotFound(format!("job {id}"))),
+            Effect::UnknownWorker(id) => return Err(Failure::NotFound(format!("worker {id}; register again"))),
+            Effect::Conflict(message) => return Err(Failure::Conflict(message.clone())),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// A lock whose holder panicked holds values that are whole all the same: every change is a few assignments.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

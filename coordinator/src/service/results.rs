@@ -1,0 +1,360 @@
+//! Results: taken in, checked, merged in pass order, stored, and only then acknowledged.
+
+use std::sync::{Arc, atomic::Ordering};
+
+use bytes::Bytes;
+use common::{
+    film::Film,
+    job::LeaseId,
+    pass::Work,
+    protocol::{Unit, UnitId},
+    result::{UnitResult, UnitStatistics, max_encoded_len},
+    tile::Rect,
+};
+use serde::Serialize;
+
+use super::{Service, films::TileFilm, lock, measure, planned};
+use crate::{
+    bridge::blocking,
+    error::Failure,
+    farm::{Accepted, Effect, Event, TileKey, Wanted},
+    plan::{RING, Surroundings},
+    store::{StoreError, TileRecord, Write, film},
+};
+
+/// The answer to a result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Receipt {
+    /// Whether it was the first valid one for its unit.
+    pub counted: bool,
+}
+
+impl Service {
+    /// Take in a result, compressed as it was sent. When this returns, it is on disk (or was before).
+    ///
+    /// # Errors
+    /// It is not a result of that unit, there is no such unit, or it could not be stored.
+    pub async fn take_result(self: &Arc<Self>, lease: LeaseId, id: UnitId, body: Bytes) -> Result<Receipt, Failure> {
+        let wanted = self.farm().wanted(&id);
+        let unit = match wanted {
+            Wanted::Open(unit) => unit,
+            Wanted::Unknown => return Err(Failure::NotFound(format!("unit {id}"))),
+            Wanted::Closed => {
+                // Its first result may be on its way to the disk: what is acknowledged must be there.
+                self.settle().await?;
+                return Ok(Receipt { counted: false });
+            }
+        };
+        self.tallies.result_bytes.fetch_add(body.len() as u64, Ordering::Relaxed);
+        let batch = self.entry(id.job).map_or(1, |entry| lock(&entry.record).rule.batch());
+        let sent = body.clone();
+        let decoded = blocking("reading a result", move || read_result(&sent, &unit, batch)).await?;
+        let result = match decoded {
+            Ok(result) => result,
+            Err(message) => {
+                self.tallies.refused_results.fetch_add(1, Ordering::Relaxed);
+                self.blame(lease, id, &message);
+                return Err(Failure::Refused(format!("unit {id}: {message}")));
+            }
+        };
+        let (samples, cpu_seconds) = (result.statistics.samples, result.statistics.cpu_seconds.max(0.0));
+        let answers = self.apply(Event::Result { lease, unit: id, samples, cpu_seconds });
+        let Some(accepted) = answers.into_iter().find_map(|answer| match answer {
+            Effect::Accept(accepted) => Some(accepted),
+            _ => None,
+        }) else {
+            self.settle().await?;
+            return Ok(Receipt { counted: false });
+        };
+        self.tallies.samples.fetch_add(samples, Ordering::Relaxed);
+        // A task of its own: a sender that hangs up must not leave the unit half taken in.
+        let service = Arc::clone(self);
+        let stored = tokio::spawn(async move { service.store_result(accepted, result, body).await }).await;
+        match stored {
+            Ok(Ok(())) => Ok(Receipt { counted: true }),
+            Ok(Err(failure)) => {
+                self.apply(Event::SaveFailed(id));
+                Err(failure)
+            }
+            Err(_) => {
+                self.apply(Event::SaveFailed(id));
+                Err(Failure::Internal(format!("storing unit {id} panicked")))
+            }
+        }
+    }
+
+    /// A worker that sends rubbish has failed the unit.
+    fn blame(self: &Arc<Self>, lease: LeaseId, unit: UnitId, message: &str) {
+        let Some(worker) = self.farm().holder(lease) else { return };
+        self.apply(Event::Failed {
+            lease,
+            worker,
+            units: vec![unit],
+            cause: common::protocol::FailureCause::Failed,
+            message: format!("worker {worker} handed in a bad result: {message}"),
+        });
+    }
+
+    async fn store_result(
+        self: &Arc<Self>,
+        accepted: Accepted,
+        result: UnitResult,
+        sent: Bytes,
+    ) -> Result<(), Failure> {
+        let unit = accepted.unit;
+        let key = TileKey::from(&unit);
+        match accepted.split {
+            None => {
+                self.store_pass(&accepted, result.film, &[result.statistics]).await?;
+                self.apply(Event::Merged { tile: key, pass: unit.pass });
+                self.tell_tile(key, false);
+            }
+            Some(split) => {
+                self.store.write(Write::Part { key, pass: unit.pass, rect: unit.rect, split, result: sent }).await?;
+                self.apply(Event::Saved(unit));
+            }
+        }
+        Ok(())
+    }
+
+    /// Every part of a pass is stored: put them together.
+    pub(super) async fn merge_parts(self: Arc<Self>, accepted: Accepted) {
+        let unit = accepted.unit;
+        let key = TileKey::from(&unit);
+        match self.try_merge_parts(&accepted).await {
+            Ok(()) => {
+                self.apply(Event::Merged { tile: key, pass: unit.pass });
+                self.tell_tile(key, false);
+            }
+            Err(Failure::Leaving) => {}
+            Err(failure) => {
+                tracing::error!(%unit, cause = ?failure, "the parts of a pass could not be merged");
+                let message = format!("the parts of {unit} could not be merged: {failure}");
+                self.apply(Event::MergeFailed(key, message));
+            }
+        }
+    }
+
+    async fn try_merge_parts(self: &Arc<Self>, accepted: &Accepted) -> Result<(), Failure> {
+        let unit = accepted.unit;
+        let parts = self.store.results(TileKey::from(&unit), unit.pass).await?;
+        let rect = unit.rect;
+        let joined = blocking("joining parts", move || join(rect, &parts)).await?;
+        let Some((film, statistics)) = joined else {
+            // Another incarnation of the job has merged them already, or the record is damaged.
+            let stored = self.film(TileKey::from(&unit)).await?.map_or(0, |film| film.record.passes);
+            if stored > unit.pass {
+                return Ok(());
+            }
+            return Err(StoreError::Damaged(format!("the parts of {unit}")).into());
+        };
+        self.store_pass(accepted, film, &statistics).await
+    }
+
+    /// Merge a whole pass into its tile's film and store that.
+    async fn store_pass(
+        self: &Arc<Self>,
+        accepted: &Accepted,
+        film: Film,
+        statistics: &[UnitStatistics],
+    ) -> Result<(), Failure> {
+        let unit = accepted.unit;
+        let key = TileKey::from(&unit);
+        let Some(entry) = self.entry(key.job) else { return Ok(()) };
+        let (quality, keep_ring) = {
+            let record = lock(&entry.record);
+            (record.quality.clone(), record.rule.looks_around())
+        };
+        let old = if unit.pass == 0 { None } else { self.film(key).await? };
+        if old.as_ref().map_or(0, |old| old.record.passes) != unit.pass {
+            return Ok(()); // It is merged already: the same bytes came by another way.
+        }
+        let mut record = TileRecord {
+            passes: unit.pass + 1,
+            share: accepted.share,
+            attempts: accepted.attempts,
+            worker: accepted.worker.or(old.as_ref().and_then(|old| old.record.worker)),
+            work: old.as_ref().map(|old| old.record.work).unwrap_or_default(),
+            ..TileRecord::default()
+        };
+        statistics.iter().for_each(|s| record.work.add(s));
+        let before = old.clone();
+        let rect = unit.rect;
+        let (merged, bytes, ring) = blocking("merging a result", move || {
+            let film = match &before {
+                None => film,
+                Some(before) => merge(&before.film, &film),
+            };
+            record.summary = measure::summarise(&film, &quality);
+            let ring = match &before {
+                Some(before) if keep_ring => Some(film::encode(&border(rect, &before.film))?),
+                _ => None,
+            };
+            let bytes = film::encode(&film)?;
+            Ok::<_, StoreError>((TileFilm { record, film }, bytes, ring))
+        })
+        .await??;
+        let write = Write::Tile {
+            key,
+            record: Box::new(merged.record.clone()),
+            film: bytes.into(),
+            ring: ring.map(Bytes::from),
+        };
+        self.store.write(write).await?;
+        let merged = Arc::new(merged);
+        lock(&entry.measure).replace(key.frame, old.as_ref().map(|old| &old.record), &merged.record);
+        self.films.put(key, merged);
+        lock(&self.dirty).jobs.entry(key.job).or_default();
+        Ok(())
+    }
+
+    /// A tile's film as it is stored.
+    pub(super) async fn film(&self, key: TileKey) -> Result<Option<Arc<TileFilm>>, Failure> {
+        if let Some(film) = self.films.get(key) {
+            return Ok(Some(film));
+        }
+        let Some(entry) = self.entry(key.job) else { return Ok(None) };
+        let Some(rect) = lock(&entry.record).grid().rect(key.tile) else { return Ok(None) };
+        let Some(stored) = self.store.film(key).await? else { return Ok(None) };
+        let film = blocking("reading a film", move || film::decode(&stored.film, rect.area())).await??;
+        let film = Arc::new(TileFilm { record: stored.record, film });
+        self.films.put(key, Arc::clone(&film));
+        Ok(Some(film))
+    }
+
+    /// Plan a pass from what was measured in the tile and around it, exactly as of the end of the pass before.
+    pub(super) async fn plan_from_films(self: Arc<Self>, tile: TileKey, pass: u32) {
+        match self.surroundings(tile, pass).await {
+            Ok(Some((rect, around))) => {
+                let Some(entry) = self.entry(tile.job) else { return };
+                let rule = lock(&entry.record).rule.clone();
+                match blocking("planning a pass", move || rule.step(pass, rect, Some(&around))).await {
+                    Ok(step) => drop(self.apply(planned(tile, pass, step))),
+                    Err(error) => drop(self.apply(Event::MergeFailed(tile, error.to_string()))),
+                }
+            }
+            Ok(None) | Err(Failure::Leaving) => {}
+            Err(failure) => {
+                tracing::error!(?tile, pass, cause = ?failure, "a pass could not be planned");
+                self.apply(Event::MergeFailed(tile, format!("pass {pass} could not be planned: {failure}")));
+            }
+        }
+    }
+
+    async fn surroundings(&self, tile: TileKey, pass: u32) -> Result<Option<(Rect, Surroundings)>, Failure> {
+        let Some(entry) = self.entry(tile.job) else { return Ok(None) };
+        let grid = lock(&entry.record).grid();
+        let Some(rect) = grid.rect(tile.tile) else { return Ok(None) };
+        let wide = grow(rect, grid.region());
+        let mut around = Surroundings {
+            rect: wide,
+            moments: vec![Default::default(); wide.area()],
+            finished: vec![false; wide.area()],
+        };
+        for index in grid.neighbours(tile.tile).into_iter().chain([tile.tile]) {
+            let (key, Some(there)) = (TileKey { tile: index, ..tile }, grid.rect(index)) else { continue };
+            let Some(stored) = self.store.film(key).await? else { continue };
+            // One that will take part in no further pass has met the target; whether one that stands where we
+            // stand goes on is not known yet, and must not depend on who was planned first.
+            let finished = stored.record.passes < pass;
+            let film = if stored.record.passes > pass {
+                // It is one pass further: its border, as it was, is kept for us.
+                let ring = stored.ring.ok_or_else(|| StoreError::Damaged(format!("the ring of {key:?}")))?;
+                unborder(there, &film::decode(&ring, border_pixels(there).count())?)
+            } else {
+                film::decode(&stored.film, there.area())?
+            };
+            for ((x, y), moments) in there.pixels().zip(film.moments) {
+                if wide.contains(&Rect { x, y, w: 1, h: 1 }) {
+                    let at = ((y - wide.y) * wide.w + (x - wide.x)) as usize;
+                    around.moments[at] = moments;
+                    around.finished[at] = finished;
+                }
+            }
+        }
+        Ok(Some((rect, around)))
+    }
+}
+
+/// Decompress and check a result against the unit it is for.
+fn read_result(body: &[u8], unit: &Unit, batch: u32) -> Result<UnitResult, String> {
+    let rect = unit.id.rect;
+    let plain = zstd::bulk::decompress(body, max_encoded_len(rect.area()))
+        .map_err(|_| format!("not zstd, or more than {} bytes unpacked", max_encoded_len(rect.area())))?;
+    let result = UnitResult::decode(&plain, rect).map_err(|error| error.to_string())?;
+    if unit.features == result.film.features.is_empty() {
+        return Err(format!("features are {}", if unit.features { "missing" } else { "not wanted" }));
+    }
+    let batches_of = |samples: u64| samples.div_ceil(u64::from(batch.max(1)));
+    for (pixel, moments) in result.film.moments.iter().enumerate() {
+        let (samples, batches) = match &unit.work {
+            Work::PerPixel { batches, .. } => {
+                let batches = u64::from(batches.get(pixel).copied().unwrap_or(0));
+                (batches * u64::from(batch), batches)
+            }
+            Work::Uniform { samples, .. } => (u64::from(*samples), batches_of(u64::from(*samples))),
+            Work::Textbook { max_samples, .. } => (u64::from(*max_samples), u64::from(*max_samples)),
+        };
+        if u64::from(moments.samples) > samples || u64::from(moments.batches) > batches {
+            return Err(format!("pixel {pixel} has more samples or batches than were asked for"));
+        }
+    }
+    Ok(result)
+}
+
+/// Merge a later pass into a film, pixel by pixel. The order is part of the bits.
+fn merge(before: &Film, later: &Film) -> Film {
+    let moments = before.moments.iter().zip(&later.moments).map(|(a, b)| a.merge(*b)).collect();
+    Film { moments, features: before.features.clone() }
+}
+
+/// Put the parts of a pass in their places; `None` if they do not cover the tile.
+fn join(tile: Rect, parts: &[(Rect, Bytes)]) -> Option<(Film, Vec<UnitStatistics>)> {
+    let area: usize = parts.iter().map(|(rect, _)| rect.area()).sum();
+    if area != tile.area() || !parts.iter().all(|(rect, _)| tile.contains(rect)) {
+        return None;
+    }
+    let mut film = Film { moments: vec![Default::default(); tile.area()], features: Vec::new() };
+    let mut statistics = Vec::with_capacity(parts.len());
+    for (rect, bytes) in parts {
+        let plain = zstd::bulk::decompress(bytes, max_encoded_len(rect.area())).ok()?;
+        let part = UnitResult::decode(&plain, *rect).ok()?;
+        if !part.film.features.is_empty() {
+            film.features.resize(tile.area(), Default::default());
+        }
+        for (i, (x, y)) in rect.pixels().enumerate() {
+            let at = ((y - tile.y) * tile.w + (x - tile.x)) as usize;
+            film.moments[at] = part.film.moments[i];
+            if let Some(features) = part.film.features.get(i) {
+                film.features[at] = *features;
+            }
+        }
+        statistics.push(part.statistics);
+    }
+    Some((film, statistics))
+}
+
+/// The tile grown by the width of the ring, cut at the region's edge.
+fn grow(rect: Rect, region: Rect) -> Rect {
+    let (x, y) = (rect.x.saturating_sub(RING).max(region.x), rect.y.saturating_sub(RING).max(region.y));
+    let right = (rect.x + rect.w + RING).min(region.x + region.w);
+    let bottom = (rect.y + rect.h + RING).min(region.y + region.h);
+    Rect { x, y, w: right - x, h: bottom - y }
+}
+
+/// Indices of a tile's pixels that a neighbour may look at, in row order.
+fn border_pixels(tile: Rect) -> impl Iterator<Item = usize> {
+    let Rect { w, h, .. } = tile;
+    let inside = move |x: u32, y: u32| x >= RING && y >= RING && x + RING < w && y + RING < h;
+    (0..h).flat_map(move |y| (0..w).filter(move |&x| !inside(x, y)).map(move |x| (y * w + x) as usize))
+}
+
+fn border(tile: Rect, film: &Film) -> Film {
+    Film { moments: border_pixels(tile).map(|i| film.moments[i]).collect(), features: Vec::new() }
+}
+
+fn unborder(tile: Rect, ring: &Film) -> Film {
+    let mut moments = vec![Default::default(); tile.area()];
+    border_pixels(tile).zip(&ring.moments).for_each(|(i, &m)| moments[i] = m);
+    Film { moments, features: Vec::new() }
+}

@@ -1,0 +1,129 @@
+//! Whole jobs through the routes, with made-up pixels: from submission to the same bytes, whatever happens
+//! in between.
+
+mod support;
+
+use axum::http::StatusCode;
+use common::job::JobState;
+use serde_json::json;
+use support::{Worker, get, job, open, scene, submit};
+
+const JOB: &str = "/api/v1/jobs/j1";
+
+/// The EXR of frame 1 after a quiet run with one worker.
+async fn undisturbed(body: &serde_json::Value) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let app = open(folder.path()).await;
+    submit(&app, body.clone()).await;
+    Worker::register(&app, "only").await.work(&app, usize::MAX).await;
+    assert_eq!(job(&app, "j1").await.state, JobState::Completed);
+    let exr = get(&app, &format!("{JOB}/frames/1/image.exr")).await;
+    assert_eq!(exr.status, StatusCode::OK);
+    exr.body.to_vec()
+}
+
+fn fixed(samples: u32) -> serde_json::Value {
+    json!({ "scene": scene(), "tile": 32, "quality": { "target": "samples", "samples": samples } })
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_frame_goes_through_the_farm() {
+    let folder = tempfile::tempdir().unwrap();
+    let app = open(folder.path()).await;
+    let view = submit(&app, fixed(64)).await;
+    assert_eq!((view.state, view.resolution, view.progress), (JobState::Queued, [100, 70], 0.0));
+    let worker = Worker::register(&app, "a").await;
+    let units = worker.work(&app, usize::MAX).await;
+    // 4 x 3 tiles, passes of 16 and 48 samples; tiles may have been split.
+    assert!(units >= 24, "{units}");
+    let view = job(&app, "j1").await;
+    assert_eq!((view.state, view.progress, view.samples), (JobState::Completed, 1.0, 7000 * 64));
+    assert_eq!(view.statistics.rays, 3 * 7000 * 64);
+    assert!(view.finished_at.is_some() && view.error.is_some());
+    for (name, magic) in [
+        ("image.png", &b"\x89PNG"[..]),
+        ("samples.png", b"\x89PNG"),
+        ("error.png", b"\x89PNG"),
+        ("image.exr", b"\x76\x2f\x31\x01"),
+        ("samples.exr", b"\x76\x2f\x31\x01"),
+        ("error.exr", b"\x76\x2f\x31\x01"),
+    ] {
+        let answer = get(&app, &format!("{JOB}/frames/1/{name}")).await;
+        assert_eq!(answer.status, StatusCode::OK, "{name}");
+        assert!(answer.body.starts_with(magic), "{name}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_crash_in_the_middle_loses_nothing_acknowledged_and_no_bit() {
+    let body = fixed(256);
+    let expected = undisturbed(&body).await;
+    let folder = tempfile::tempdir().unwrap();
+    let mut crashes = 0;
+    let mut acknowledged = 0;
+    let app = open(folder.path()).await;
+    submit(&app, body).await;
+    drop(app);
+    loop {
+        // No shutdown: the next coordinator finds what the last one left.
+        let app = open(folder.path()).await;
+        let before = job(&app, "j1").await;
+        if before.state == JobState::Completed {
+            break;
+        }
+        let worker = Worker::register(&app, &format!("life {crashes}")).await;
+        if crashes % 2 == 0 {
+            // Some more units are taken and never handed in.
+            worker.lease(&app).await;
+        }
+        acknowledged += worker.work(&app, 7).await;
+        crashes += 1;
+        assert!(crashes < 200, "no end after {acknowledged} units");
+    }
+    assert!(crashes >= 5, "{crashes} crashes are no test");
+    let app = open(folder.path()).await;
+    let exr = get(&app, &format!("{JOB}/frames/1/image.exr")).await;
+    assert!(exr.body == expected, "the picture differs after {crashes} crashes");
+    assert_eq!(job(&app, "j1").await.samples, 7000 * 256);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_continued_to_more_samples_has_the_bits_of_one_that_asked_at_once() {
+    let expected = undisturbed(&fixed(256)).await;
+    let folder = tempfile::tempdir().unwrap();
+    let app = open(folder.path()).await;
+    submit(&app, fixed(64)).await;
+    let worker = Worker::register(&app, "a").await;
+    worker.work(&app, usize::MAX).await;
+    assert_eq!(job(&app, "j1").await.state, JobState::Completed);
+    let patch = json!({ "quality": { "target": "samples", "samples": 256 } });
+    let answer = support::call(&app, axum::http::Method::PATCH, JOB, patch.to_string()).await;
+    assert_eq!(answer.status, StatusCode::OK, "{}", answer.text());
+    assert_eq!(answer.json()["status"], "queued");
+    let early = job(&app, "j1").await;
+    assert!(early.progress < 1.0 && early.samples == 7000 * 64);
+    worker.work(&app, usize::MAX).await;
+    let late = job(&app, "j1").await;
+    assert_eq!((late.state, late.samples), (JobState::Completed, 7000 * 256));
+    let exr = get(&app, &format!("{JOB}/frames/1/image.exr")).await;
+    assert!(exr.body == expected);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_default_is_a_noise_target_by_the_textbook_rule() {
+    let folder = tempfile::tempdir().unwrap();
+    let app = open(folder.path()).await;
+    let view = submit(&app, json!({ "scene": scene(), "frames": "1-3x2" })).await;
+    assert_eq!(serde_json::to_value(&view.quality).unwrap()["target"], "noise");
+    let worker = Worker::register(&app, "a").await;
+    let lease = worker.lease(&app).await.unwrap();
+    assert_eq!(serde_json::to_value(&lease.units[0].work).unwrap()["kind"], "textbook");
+    for unit in &lease.units {
+        worker.hand_in(&app, &lease, unit).await;
+    }
+    worker.work(&app, usize::MAX).await;
+    let view = job(&app, "j1").await;
+    assert_eq!(view.state, JobState::Completed);
+    assert_eq!(view.frames.iter().map(|f| f.frame).collect::<Vec<_>>(), [1, 3]);
+    assert!(view.frames.iter().all(|f| f.done && f.within_target.is_some()));
+}
