@@ -9,6 +9,7 @@ mod compile;
 mod facts;
 mod mesh;
 mod surface;
+mod values;
 
 use common::method::{self, Method};
 
