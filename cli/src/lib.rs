@@ -1,3 +1,104 @@
-//! .
+//! The command `tessera`: options in, the other parts put to work, one sentence and an exit code out.
+//!
+//! It knows nothing that belongs to the other parts: how light travels, what is rendered next, what a
+//! lease is.
 
+mod args;
+mod bundle;
+mod error;
+mod farm;
+mod jobs;
+mod output;
+mod print;
+mod progress;
+mod render;
+mod report;
+mod request;
+mod scene;
+mod services;
+mod signals;
 pub mod stability;
+mod submit;
+mod watch;
+
+use std::process::ExitCode;
+
+use args::{Cli, Command};
+use clap::{Parser, error::ErrorKind};
+use error::Failure;
+use tracing_subscriber::{EnvFilter, fmt::format::FmtSpan};
+
+/// Run the command that the arguments of this process name.
+///
+/// Exit codes: 0 done, 1 the work, the network or a port failed, 2 the input was wrong, 130 Ctrl-C.
+#[must_use]
+pub fn main() -> ExitCode {
+    match Cli::try_parse() {
+        Ok(cli) => match run(cli) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(failure) => {
+                eprintln!("error: {failure}");
+                failure.code()
+            }
+        },
+        Err(error) => refuse(&error),
+    }
+}
+
+fn run(cli: Cli) -> Result<(), Failure> {
+    let service = matches!(cli.command, Command::Coordinator(_) | Command::Worker(_));
+    log(cli.log.as_deref(), service)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
+    let runtime = runtime.map_err(|error| Failure::Work(format!("no threads to work with: {error}")))?;
+    let ended = runtime.block_on(dispatch(cli.command));
+    // Rows that are still on the way are of no interest to anybody.
+    runtime.shutdown_background();
+    ended
+}
+
+async fn dispatch(command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Render(args) => render::render(args).await,
+        Command::Coordinator(args) => services::coordinator(args).await,
+        Command::Worker(args) => services::worker(args).await,
+        Command::Submit(args) => submit::submit(args).await,
+        Command::Jobs(args) => jobs::list(args).await,
+        Command::Job(args) => jobs::show(args).await,
+        Command::Cancel(args) => jobs::act(args, "cancel").await,
+        Command::Pause(args) => jobs::act(args, "pause").await,
+        Command::Resume(args) => jobs::act(args, "resume").await,
+        Command::Workers(args) => jobs::workers(args).await,
+        Command::Scene(command) => scene::scene(command),
+        Command::Stability(args) => Ok(stability::command(args)?),
+    }
+}
+
+/// Log to standard error: services from `info` on, commands from `warn` on.
+fn log(filter: Option<&str>, service: bool) -> Result<(), Failure> {
+    // What is odd about a scene has been said when it was read, before the worker reads it again.
+    let default = if service { "info" } else { "warn,worker::scenes=error" };
+    let filter = filter.filter(|filter| !filter.is_empty()).unwrap_or(default);
+    let filter = EnvFilter::builder().parse(filter).map_err(|error| Failure::Input(format!("--log: {error}")))?;
+    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let builder = builder.with_span_events(FmtSpan::NONE).with_target(false);
+    // It can be set once in a process, and this is the once.
+    let _ = if service { builder.try_init() } else { builder.without_time().try_init() };
+    Ok(())
+}
+
+/// What clap has to say: help as it is, a mistake as one sentence.
+fn refuse(error: &clap::Error) -> ExitCode {
+    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
+        // Nobody reads on if this fails.
+        let _ = error.print();
+        return ExitCode::SUCCESS;
+    }
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        let _ = error.print();
+        return ExitCode::from(2);
+    }
+    let text = error.render().to_string();
+    let sentence = text.split("\n\n").next().unwrap_or(&text);
+    eprintln!("{}", sentence.split_whitespace().collect::<Vec<_>>().join(" "));
+    ExitCode::from(2)
+}

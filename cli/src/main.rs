@@ -1,2 +1,5 @@
-//! .
-fn main() {}
+//! The binary people run.
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

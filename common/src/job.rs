@@ -11,6 +11,8 @@ use crate::{hash::AssetHash, method::MethodChoices, scene::SceneFile, tile::Rect
 pub const DEFAULT_TILE: u32 = 64;
 /// Relative error asked for when neither the job nor the scene says anything.
 pub const DEFAULT_RELATIVE_ERROR: f64 = 0.1;
+/// Share of the intervals that hold the truth, where nothing else is asked for.
+pub const DEFAULT_CONFIDENCE: f64 = 0.95;
 /// Most samples a pixel gets under a noise target that names no maximum.
 pub const DEFAULT_MAX_SAMPLES: u32 = 4096;
 /// Largest edge of an image, pixels.
@@ -117,7 +119,7 @@ pub enum Quality {
 }
 
 fn default_confidence() -> f64 {
-    0.95
+    DEFAULT_CONFIDENCE
 }
 
 fn default_max_samples() -> u32 {

@@ -1,0 +1,229 @@
+//! What a job did and cost: `report.json`, and the closing line.
+
+use std::path::Path;
+
+use common::{
+    job::{JobId, JobState, Quality},
+    protocol::JobView,
+};
+use serde::Serialize;
+
+use crate::progress::{duration, percent, si};
+
+/// Share of the pixels that must be within a noise target.
+const DONE_SHARE: f64 = 0.99;
+
+/// The report of a job.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Path of the scene as it was given.
+    pub scene: String,
+    /// The job.
+    pub job: JobId,
+    /// How it ended.
+    pub status: JobState,
+    /// Width and height of a frame, pixels.
+    pub resolution: [u32; 2],
+    /// Number of frames.
+    pub frames: usize,
+    /// How exact the picture had to be.
+    pub quality: Quality,
+    /// Camera samples.
+    pub samples: Samples,
+    /// Rays traced, of all kinds.
+    pub rays: u64,
+    /// Intersection tests a ray.
+    pub tests_per_ray: Tests,
+    /// Times.
+    pub seconds: Seconds,
+    /// Processor seconds of all workers.
+    pub cpu_seconds: f64,
+    /// Relative error that 99% of the measured pixels keep to; absent where it cannot be told.
+    pub error: Option<f64>,
+    /// Whether the target was met; a noise target may be missed at the most samples allowed.
+    pub target_met: bool,
+    /// Workers that handed in a result.
+    pub workers: u32,
+    /// Units that were given out again because a worker was lost, left or failed.
+    pub attempts: u64,
+    /// Samples that were not finite and were left out.
+    pub rejected: u64,
+}
+
+/// Camera samples.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Samples {
+    /// Of all frames.
+    pub total: u64,
+    /// Of a pixel, on average.
+    pub mean: f64,
+    /// Of the pixel that got most.
+    pub max: u32,
+}
+
+/// Intersection tests a ray.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tests {
+    /// Bounding boxes.
+    pub nodes: f64,
+    /// Triangles and other primitives.
+    pub triangles: f64,
+}
+
+/// Times, seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Fetching and decoding the scene, summed over workers and frames.
+    pub load: f64,
+    /// Building acceleration structures, summed likewise.
+    pub build: f64,
+    /// From submission to the last result; with a single worker without loading and building.
+    pub render: f64,
+    /// From the start of the command to the last file written.
+    pub wall: f64,
+}
+
+impl Report {
+    /// The report of `job`, which took `job_seconds` from submission to its end.
+    #[must_use]
+    pub fn of(scene: &Path, job: &JobView, job_seconds: f64) -> Self {
+        let s = &job.statistics;
+        let pixels = job.region.area() as f64 * job.frames.len() as f64;
+        let a_ray = |tests: u64| if s.rays == 0 { 0.0 } else { tests as f64 / s.rays as f64 };
+        let setup = if s.workers <= 1 { s.load_seconds + s.build_seconds } else { 0.0 };
+        Self {
+            scene: scene.display().to_string(),
+            job: job.id,
+            status: job.state,
+            resolution: job.resolution,
+            frames: job.frames.len(),
+            quality: job.quality.clone(),
+            samples: Samples {
+                total: job.samples,
+                mean: job.samples as f64 / pixels.max(1.0),
+                max: job.frames.iter().map(|frame| frame.max_samples).max().unwrap_or(0),
+            },
+            rays: s.rays,
+            tests_per_ray: Tests { nodes: a_ray(s.node_tests), triangles: a_ray(s.primitive_tests) },
+            seconds: Seconds {
+                load: s.load_seconds,
+                build: s.build_seconds,
+                render: (job_seconds - setup).max(0.0),
+                wall: job_seconds,
+            },
+            cpu_seconds: s.cpu_seconds,
+            error: job.error,
+            target_met: target_met(job),
+            workers: s.workers,
+            attempts: s.retries,
+            rejected: s.rejected,
+        }
+    }
+
+    /// One line for people.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let mut line = format!(
+            "{}samples ({:.1} a pixel, {} at most) in {}",
+            si(self.samples.total as f64),
+            self.samples.mean,
+            self.samples.max,
+            duration(self.seconds.wall)
+        );
+        if let Some(error) = self.error {
+            line += &format!(", error {}", percent(error));
+        }
+        if !self.target_met {
+            line += ", which misses the target";
+        }
+        line
+    }
+}
+
+fn target_met(job: &JobView) -> bool {
+    job.state == JobState::Completed
+        && match job.quality {
+            Quality::Noise { .. } => {
+                job.frames.iter().all(|f| f.within_target.is_some_and(|share| share >= DONE_SHARE))
+            }
+            Quality::Samples { .. } | Quality::Time { .. } => true,
+        }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use common::{
+        hash::AssetHash,
+        method::Method,
+        protocol::{FrameView, JobStatistics},
+        tile::Rect,
+    };
+
+    use super::*;
+
+    pub(crate) fn job() -> JobView {
+        let frame = FrameView {
+            frame: 1,
+            progress: 1.0,
+            done: true,
+            mean_samples: 20.0,
+            max_samples: 64,
+            within_target: Some(0.995),
+        };
+        JobView {
+            id: JobId(3),
+            name: "box".into(),
+            state: JobState::Completed,
+            message: None,
+            progress: 1.0,
+            samples: 4000,
+            samples_per_second: 0.0,
+            error: Some(0.04),
+            eta_seconds: None,
+            frames: vec![frame.clone(), FrameView { frame: 2, max_samples: 128, ..frame }],
+            scene: AssetHash::of(b""),
+            resolution: [100, 50],
+            region: Rect { x: 0, y: 0, w: 10, h: 10 },
+            tile: 64,
+            quality: Quality::default(),
+            method: Method::default(),
+            priority: 50,
+            tags: Vec::new(),
+            seed: 0,
+            tracer: None,
+            created_at: String::new(),
+            finished_at: None,
+            statistics: JobStatistics {
+                rays: 8000,
+                node_tests: 80_000,
+                primitive_tests: 16_000,
+                cpu_seconds: 3.0,
+                load_seconds: 0.5,
+                build_seconds: 0.25,
+                workers: 1,
+                ..Default::default()
+            },
+        }
+    }
+
+    #[test]
+    fn numbers_are_of_a_pixel_and_of_a_ray() {
+        let report = Report::of(Path::new("box.json"), &job(), 2.0);
+        assert_eq!(report.samples, Samples { total: 4000, mean: 20.0, max: 128 });
+        assert_eq!(report.tests_per_ray, Tests { nodes: 10.0, triangles: 2.0 });
+        assert_eq!(report.seconds.render, 1.25);
+        assert!(report.line().starts_with("4.00 ksamples (20.0 a pixel, 128 at most) in 2.0 s, error 4.0%"));
+    }
+
+    #[test]
+    fn a_noise_target_is_met_where_99_of_100_pixels_of_every_frame_meet_it() {
+        let mut job = job();
+        assert!(target_met(&job));
+        job.frames[1].within_target = Some(0.98);
+        assert!(!target_met(&job));
+        job.quality = Quality::Samples { samples: 1 };
+        assert!(target_met(&job));
+        job.state = JobState::Canceled;
+        assert!(!target_met(&job));
+    }
+}

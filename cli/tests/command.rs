@@ -1,0 +1,158 @@
+//! The command as people run it: what it writes, and how it refuses.
+
+use std::{
+    net::TcpListener,
+    path::Path,
+    process::{Command, Output},
+};
+
+use serde_json::Value;
+
+fn tessera(folder: &Path, line: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tessera"));
+    for variable in ["TESSERA_COORDINATOR", "TESSERA_TOKEN", "TESSERA_LISTEN", "TESSERA_DATA", "RUST_LOG"] {
+        command.env_remove(variable);
+    }
+    command.args(line.split_whitespace()).current_dir(folder).output().unwrap()
+}
+
+const SCENE: &str = r#"{
+    "tessera": 1,
+    "camera": {"position": [0, 1, 5], "target": [0, 1, 0]},
+    "film": {"width": 24, "height": 16},
+    "shapes": [
+        {"type": "sphere", "center": [0, 3, 0], "radius": 0.5, "emission": [5, 4, 3]},
+        {"type": "quad", "vertices": [[-3, 0, 3], [3, 0, 3], [3, 0, -3], [-3, 0, -3]]}
+    ]
+}"#;
+
+/// A folder with a sound scene and several that are not.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = r#""shapes": [{"type": "sphere"}, {"type": "mesh", "file": "meshes/x.obj"}"#;
+    for (name, text) in [
+        ("good.json", SCENE.to_string()),
+        ("unknown.json", SCENE.replace("\"film\"", "\"flim\"")),
+        ("mesh.json", SCENE.replace("\"shapes\": [", &format!("{mesh},"))),
+        ("type.json", SCENE.replace("[0, 1, 5]", "\"here\"")),
+        ("huge.json", SCENE.replace("\"width\": 24", "\"width\": 1000000")),
+        ("cut.json", SCENE[..SCENE.len() / 2].to_string()),
+        ("bad.obj", "v 0 0 0\nf 1 2 3\n".into()),
+        ("tri.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".into()),
+        ("file", String::new()),
+    ] {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn every_mistake_has_its_sentence_and_exit_code() {
+    let folder = folder();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = taken.local_addr().unwrap();
+    // Nobody listens where somebody has just stopped listening.
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    for (line, code, expected) in [
+        ("render absent.json -o out", 2, "absent.json: no such file"),
+        ("render unknown.json -o out", 2, "unknown.json: flim: unknown field `flim`"),
+        ("render mesh.json -o out", 2, "mesh.json: shapes[1].file: meshes/x.obj: no such file"),
+        ("render type.json -o out", 2, "type.json: camera.position: invalid type: string \"here\""),
+        ("render huge.json -o out", 2, "huge.json: film: 1000000x16 is not within 1x1 to 16384x16384"),
+        ("render cut.json -o out", 2, "cut.json: not valid JSON"),
+        ("render bad.obj -o out", 2, "bad.obj: "),
+        ("render good.json -o out --resolution 99999x99999", 2, "99999x99999 is not within"),
+        ("render good.json -o out --crop 20,0,8,8", 2, "--crop: 8x8 at 20,0 is not inside the 24x16 frame"),
+        ("render good.json -o out --samples 4 --adaptive on", 2, "--adaptive: "),
+        ("render good.json -o out --direct fast", 2, "'fast' for '--direct <HOW>'"),
+        ("render good.json -o file", 2, "file: cannot be written to: is a file, not a folder"),
+        ("render good.json -o nowhere/a.png", 2, "nowhere: cannot be written to: no such folder"),
+        ("render good.json -o a.jpg", 2, "a.jpg: .jpg images are not written"),
+        ("render good.json -o a.png --frames 1-2", 2, "a.png: 1-2 are several frames"),
+        ("render good.json", 2, "--output <OUT>"),
+        ("submit good.json --coordinator http://FREE", 1, "http://FREE cannot be reached: connection refused"),
+        ("jobs --coordinator http://FREE", 1, "http://FREE cannot be reached: connection refused"),
+        ("jobs --coordinator https://FREE", 2, "https is not supported yet"),
+        ("jobs --coordinator FREE", 2, "is not a coordinator's address such as http://"),
+        ("worker --coordinator FREE", 2, "is not a coordinator's address such as http://"),
+        ("coordinator --listen TAKEN --data data", 1, "--listen TAKEN: the address is already in use"),
+        ("coordinator --listen 0.0.0.0:0 --data data", 2, "give a token by --token-file or TESSERA_TOKEN"),
+        ("coordinator --listen 127.0.0.1:0 --data data --token-file absent", 2, "absent: no such file"),
+        ("coordinator --listen 127.0.0.1:0 --data file", 1, "file"),
+        ("scene check mesh.json", 2, "shapes[1].file"),
+        ("job 17 --coordinator http://FREE", 2, "\"17\" is not of the form jNUMBER"),
+        ("scene check good.json --log =", 2, "--log"),
+    ] {
+        let fill = |text: &str| text.replace("FREE", &free.to_string()).replace("TAKEN", &taken.to_string());
+        let (line, expected) = (fill(line), fill(expected));
+        let output = tessera(folder.path(), &line);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+        assert!(said.starts_with("error: ") && said.contains(&expected), "{line}: {said}");
+        assert_eq!(said.trim_end().lines().count(), 1, "{line}: one sentence: {said}");
+    }
+    assert!(!folder.path().join("out/report.json").exists());
+}
+
+#[test]
+fn a_render_writes_its_files_and_its_report() {
+    let folder = folder();
+    let output = tessera(folder.path(), "render good.json -o out --samples 16 --tile 8 --json --threads 2");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("dashboard http://127.0.0.1:"), "{said}");
+    assert!(said.contains("samples (16.0 a pixel, 16 at most) in "), "{said}");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let written: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("out/report.json")).unwrap()).unwrap();
+    assert_eq!(report, written);
+    assert_eq!(report["scene"], "good.json");
+    assert_eq!(report["resolution"], serde_json::json!([24, 16]));
+    assert_eq!(report["samples"], serde_json::json!({"total": 24 * 16 * 16, "mean": 16.0, "max": 16}));
+    assert_eq!((&report["target_met"], &report["workers"]), (&Value::Bool(true), &Value::from(1)));
+    for number in ["/rays", "/cpu_seconds", "/seconds/load", "/seconds/build", "/seconds/render", "/seconds/wall"] {
+        assert!(report.pointer(number).and_then(Value::as_f64).is_some_and(|n| n > 0.0), "{number}: {report}");
+    }
+    assert!(report["tests_per_ray"]["nodes"].is_number() && report["tests_per_ray"]["triangles"].is_number());
+    assert!(report.get("attempts").is_some() && report.get("error").is_some());
+
+    let begins = |name: &str, magic: &[u8]| {
+        let bytes = std::fs::read(folder.path().join("out").join(name)).unwrap();
+        assert!(bytes.starts_with(magic) && bytes.len() > 64, "{name}");
+    };
+    let (png, exr) = (&b"\x89PNG\r\n\x1a\n"[..], &[0x76, 0x2f, 0x31, 0x01][..]);
+    begins("frame-0001.png", png);
+    begins("frame-0001.exr", exr);
+    begins("frame-0001.samples.png", png);
+    begins("frame-0001.error.png", png);
+    let names = std::fs::read_dir(folder.path().join("out")).unwrap().count();
+    assert_eq!(names, 5, "four images and the report, nothing half written");
+}
+
+#[test]
+fn a_bare_mesh_renders_into_one_file_and_what_was_made_up_is_said() {
+    let folder = folder();
+    let output = tessera(folder.path(), "render tri.obj -o a.png --samples 4 --resolution 16x16");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("note: Made from tri.obj") && said.contains("camera") && said.contains("light"), "{said}");
+    assert!(folder.path().join("a.png").is_file());
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn scenes_are_checked_converted_and_described() {
+    let folder = folder();
+    let check = tessera(folder.path(), "scene check good.json");
+    assert_eq!(
+        String::from_utf8(check.stdout).unwrap(),
+        "good.json: sound: 2 shapes, 0 materials, 0 files, 24x16 pixels\n"
+    );
+    assert!(tessera(folder.path(), "scene convert tri.obj tri.json").status.success());
+    let check = tessera(folder.path(), "scene check tri.json");
+    assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stderr));
+    let elsewhere = tessera(folder.path(), "scene convert tri.obj ../tri.json");
+    assert_eq!(elsewhere.status.code(), Some(2));
+    let schema: Value = serde_json::from_slice(&tessera(folder.path(), "scene schema").stdout).unwrap();
+    assert_eq!(schema["title"], "SceneFile");
+}
