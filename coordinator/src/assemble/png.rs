@@ -33,8 +33,8 @@ mod tests {
 
     #[test]
     fn the_transfer_curve_is_the_standard_one() {
-        // 21.404% linear light is encoded as the middle grey, 127.5 / 255.
-        for (linear, byte) in [(0.0, 0), (0.001, 3), (0.214_041, 128), (1.0, 255), (7.0, 255), (-1.0, 0)] {
+        // 21.586% linear light is encoded as 128 / 255.
+        for (linear, byte) in [(0.0, 0), (0.001, 3), (0.215_861, 128), (1.0, 255), (7.0, 255), (-1.0, 0)] {
             assert_eq!(srgb(linear), byte, "{linear}");
         }
     }

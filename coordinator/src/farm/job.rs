@@ -8,7 +8,7 @@ use common::{
     tile::Rect,
 };
 
-use super::{Command, Effect, Farm, JobSpec, Restored, TileKey, TileProgress, lease::UnitRef};
+use super::{Command, Effect, Farm, JobSpec, Plan, Restored, TileKey, TileProgress, lease::UnitRef};
 
 /// Check a change of a job's state.
 ///
@@ -452,14 +452,8 @@ impl Farm {
         self.stirred = true;
     }
 
-    pub(super) fn planned(
-        &mut self,
-        key: TileKey,
-        pass: u32,
-        work: Option<(Work, f64)>,
-        _now: f64,
-        out: &mut Vec<Effect>,
-    ) {
+    pub(super) fn planned(&mut self, plan: Plan, out: &mut Vec<Effect>) {
+        let Plan { tile: key, pass, work } = plan;
         let Some(job) = self.jobs.get_mut(&key.job) else { return };
         let Some(open) = job.open_mut(key.frame) else { return };
         let Some(tile) = open.tiles.get_mut(key.tile as usize) else { return };

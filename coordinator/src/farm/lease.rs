@@ -87,6 +87,15 @@ struct Straggler {
     holder: WorkerId,
 }
 
+/// What a job has for a worker.
+enum Cut {
+    /// Units of this frame, with their predicted processor seconds.
+    Units(u32, Vec<(UnitRef, f64)>),
+    /// A frame was begun, and is being planned.
+    Begun,
+    Nothing,
+}
+
 impl Farm {
     /// Answer the requests that wait, oldest first, as far as there is work.
     pub(super) fn serve(&mut self, now: f64, out: &mut Vec<Effect>) {
@@ -114,8 +123,11 @@ impl Farm {
         }
         let order = self.job_order(id);
         for &job in &order {
-            if let Some((frame, units)) = self.cut(job, id, now, out) {
-                return self.grant(id, job, frame, units, now, out);
+            match self.cut(job, id, now, out) {
+                Cut::Units(frame, units) => return self.grant(id, job, frame, units, now, out),
+                // Its units come in a moment, and are not to be overtaken by those of a lesser job.
+                Cut::Begun => return None,
+                Cut::Nothing => {}
             }
         }
         let worker = self.workers.get(&id)?;
@@ -150,17 +162,11 @@ impl Farm {
     }
 
     /// Choose units of one frame of a job for a worker. May begin a frame, whose units come a moment later.
-    fn cut(
-        &mut self,
-        id: JobId,
-        worker: WorkerId,
-        now: f64,
-        out: &mut Vec<Effect>,
-    ) -> Option<(u32, Vec<(UnitRef, f64)>)> {
+    fn cut(&mut self, id: JobId, worker: WorkerId, now: f64, out: &mut Vec<Effect>) -> Cut {
         let eligible: Vec<WorkerId> = self.eligible(id, now);
-        let capacity = self.workers.get(&worker)?.capacity();
+        let Some(capacity) = self.workers.get(&worker).map(|worker| worker.capacity()) else { return Cut::Nothing };
         let all: f64 = eligible.iter().filter_map(|w| self.workers.get(w)).map(|w| w.capacity()).sum();
-        let job = self.jobs.get_mut(&id)?;
+        let Some(job) = self.jobs.get_mut(&id) else { return Cut::Nothing };
         let target = job.lease_seconds(all.max(capacity)) * capacity;
         let mut planning = false;
         let mut open_frames = 0;
@@ -180,7 +186,7 @@ impl Farm {
                     }
                     let units = job.take(index, worker, &eligible, target);
                     if !units.is_empty() {
-                        return Some((job.frames[index].number, units));
+                        return Cut::Units(job.frames[index].number, units);
                     }
                 }
             }
@@ -190,8 +196,9 @@ impl Farm {
             && open_frames <= eligible.len() + 1
         {
             job.open(index, out);
+            return Cut::Begun;
         }
-        None
+        Cut::Nothing
     }
 
     /// Workers that could take units of a job now.
@@ -377,6 +384,7 @@ impl Farm {
             .iter()
             .filter_map(|(&id, held)| match held {
                 held if now > held.deadline => Some((id, Release::Hung)),
+                held if now > held.expires && self.leaves(held.worker) => Some((id, Release::Returned)),
                 held if now > held.expires => Some((id, Release::Lost)),
                 _ => None,
             })
@@ -384,6 +392,11 @@ impl Farm {
         for (id, why) in over {
             self.release(id, why, now, out);
         }
+    }
+
+    /// Whether a worker said that it leaves.
+    fn leaves(&self, id: WorkerId) -> bool {
+        self.workers.get(&id).is_none_or(|worker| worker.draining)
     }
 
     /// Forget the leases of a job that is over.

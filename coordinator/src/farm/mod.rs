@@ -10,6 +10,11 @@ mod results;
 mod view;
 mod worker;
 
+#[cfg(test)]
+mod simulation;
+#[cfg(test)]
+mod tests;
+
 use std::collections::{BTreeMap, VecDeque};
 
 use common::{
@@ -153,16 +158,9 @@ pub enum Event {
     Restore(Box<Restored>),
     /// A person's wish for a job.
     Command(JobId, Command),
-    /// The answer to [`Effect::Plan`]: the work of that pass and the share of the tile done after it;
-    /// `None` finishes the tile.
-    Planned {
-        /// The tile.
-        tile: TileKey,
-        /// The pass.
-        pass: u32,
-        /// What to render.
-        work: Option<(Work, f64)>,
-    },
+    /// Answers to [`Effect::Plan`]. Those that are ready together come together, so that leases are cut from
+    /// all of them.
+    Planned(Vec<Plan>),
     /// A worker process starts.
     Register(Register),
     /// A worker known from before a restart; lost until it is heard of.
@@ -232,6 +230,17 @@ pub enum Event {
     },
     /// Time passes.
     Tick,
+}
+
+/// The work of one pass of a tile.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// The tile.
+    pub tile: TileKey,
+    /// The pass.
+    pub pass: u32,
+    /// What to render, and the share of the tile that is done after it; `None` finishes the tile.
+    pub work: Option<(Work, f64)>,
 }
 
 /// What must be done about it.
@@ -377,7 +386,7 @@ impl Farm {
             Event::Submit(spec) => self.submit(spec, now, &mut out),
             Event::Restore(restored) => self.restore(*restored, now, &mut out),
             Event::Command(job, command) => self.command(job, command, now, &mut out),
-            Event::Planned { tile, pass, work } => self.planned(tile, pass, work, now, &mut out),
+            Event::Planned(plans) => plans.into_iter().for_each(|plan| self.planned(plan, &mut out)),
             Event::Register(register) => self.register(register, now, &mut out),
             Event::RestoreWorker(id, register, history) => self.restore_worker(id, register, history, now),
             Event::Ask { worker, ask, prepared } => self.ask(worker, ask, prepared, now, &mut out),
@@ -412,8 +421,9 @@ impl Farm {
     }
 
     fn tick(&mut self, now: f64, out: &mut Vec<Effect>) {
-        self.expire_leases(now, out);
+        // Workers first: what a lost one held is returned for that reason.
         self.watch_workers(now, out);
+        self.expire_leases(now, out);
         for job in self.jobs.values_mut() {
             job.meter(now);
         }

@@ -287,6 +287,9 @@ impl Service {
         record.message = message;
         record.priority = priority;
         record.tracer = farm.tracer(id);
+        if before.state != state {
+            tracing::info!(job = %id, from = %before.state, to = %state, message = record.message, "a job changed its state");
+        }
         if before != *record || frame_done {
             drop(self.store.write(Write::Job(Box::new(record.clone()))));
         }

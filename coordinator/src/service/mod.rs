@@ -30,7 +30,7 @@ use crate::{
     blobs::Blobs,
     config::Config,
     error::Failure,
-    farm::{self, Effect, Event, Farm, Grant, TileKey},
+    farm::{self, Effect, Event, Farm, Grant, Plan, TileKey},
     plan::Step,
     store::{JobRecord, SqliteStore, Store, StoreError, Write},
     time::Clock,
@@ -60,6 +60,8 @@ pub struct Service {
     next_job: AtomicU64,
     epoch: u64,
     tallies: Tallies,
+    /// Locked while this coordinator lives: two of them must not share a folder.
+    _folder: Option<std::fs::File>,
 }
 
 /// A job's record and what was measured of it.
@@ -98,6 +100,8 @@ pub(crate) struct Tallies {
 
 /// How often time passes for the farm, and listeners are told.
 const TICK: Duration = Duration::from_millis(250);
+/// Ticks between two times that the workers' counts are stored.
+const SAVE_WORKERS: u32 = 240;
 /// Notices that a slow listener may fall behind before it is told the whole state again.
 const NOTICES: usize = 1024;
 
@@ -108,16 +112,28 @@ impl Service {
     /// The folder cannot be used, or what is in it cannot be read.
     pub async fn open(config: Config) -> anyhow::Result<Arc<Self>> {
         std::fs::create_dir_all(&config.data)?;
+        let folder = std::fs::File::create(config.data.join("lock"))?;
+        folder.try_lock().map_err(|error| match error {
+            std::fs::TryLockError::WouldBlock => {
+                anyhow::anyhow!("the data folder {} is in use by another coordinator", config.data.display())
+            }
+            std::fs::TryLockError::Error(error) => error.into(),
+        })?;
         let store = SqliteStore::open(&config.data.join("tessera.sqlite")).await?;
         let blobs = Blobs::folder(&config.data.join("assets"))?;
-        Self::start(config, Arc::new(store), blobs).await
+        Self::start(config, Arc::new(store), blobs, Some(folder)).await
     }
 
     /// Take up what is in a store.
     ///
     /// # Errors
     /// The store cannot be read.
-    pub async fn start(config: Config, store: Arc<dyn Store>, blobs: Blobs) -> anyhow::Result<Arc<Self>> {
+    async fn start(
+        config: Config,
+        store: Arc<dyn Store>,
+        blobs: Blobs,
+        folder: Option<std::fs::File>,
+    ) -> anyhow::Result<Arc<Self>> {
         let snapshot = store.begin().await?;
         let films = FilmCache::new(config.film_cache);
         let service = Arc::new(Service {
@@ -136,6 +152,7 @@ impl Service {
             next_job: AtomicU64::new(snapshot.next_job.max(1)),
             epoch: snapshot.epoch,
             tallies: Tallies::default(),
+            _folder: folder,
         });
         for (id, record) in snapshot.workers {
             let history =
@@ -150,6 +167,7 @@ impl Service {
         tokio::spawn(async move {
             let mut ticks = tokio::time::interval(TICK);
             ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+            let mut since_saved = 0;
             loop {
                 tokio::select! {
                     () = leaving.cancelled() => break,
@@ -158,6 +176,11 @@ impl Service {
                 let Some(service) = ticking.upgrade() else { break };
                 service.apply(Event::Tick);
                 service.tell();
+                since_saved += 1;
+                if since_saved >= SAVE_WORKERS {
+                    since_saved = 0;
+                    service.save_workers();
+                }
             }
         });
         Ok(service)
@@ -166,9 +189,7 @@ impl Service {
     /// Stop: nothing new is begun, and what was taken in reaches the disk.
     pub async fn close(&self) {
         self.leaving.cancel();
-        for worker in self.farm().workers(self.clock.now()) {
-            self.save_worker(worker.id);
-        }
+        self.save_workers();
         if let Err(error) = self.store.close().await {
             tracing::error!(%error, "the store could not be closed");
         }
@@ -218,9 +239,10 @@ impl Service {
         let mut events = VecDeque::from([event]);
         let mut answers = Vec::new();
         while let Some(event) = events.pop_front() {
+            let mut plans = Vec::new();
             for effect in farm.apply(event, now) {
                 match effect {
-                    Effect::Plan(tile, pass) => events.extend(self.plan(tile, pass)),
+                    Effect::Plan(tile, pass) => plans.extend(self.plan(tile, pass)),
                     Effect::Grant(ask, grant) => events.extend(self.deliver(ask, grant, &farm)),
                     Effect::Merge(accepted) => {
                         tokio::spawn(Arc::clone(self).merge_parts(accepted));
@@ -234,13 +256,16 @@ impl Service {
                     answer => answers.push(answer),
                 }
             }
+            if !plans.is_empty() {
+                events.push_back(Event::Planned(plans));
+            }
         }
         answers
     }
 
     /// Plan a pass: at once where no measurement is needed, else on another thread.
-    fn plan(self: &Arc<Self>, tile: TileKey, pass: u32) -> Option<Event> {
-        let Some(entry) = self.entry(tile.job) else { return Some(Event::Planned { tile, pass, work: None }) };
+    fn plan(self: &Arc<Self>, tile: TileKey, pass: u32) -> Option<Plan> {
+        let entry = self.entry(tile.job)?;
         let (rule, rect) = {
             let record = lock(&entry.record);
             (record.rule.clone(), record.grid().rect(tile.tile)?)
@@ -290,10 +315,8 @@ impl Service {
     /// Tell listeners what changed since the last time.
     fn tell(self: &Arc<Self>) {
         let Dirty { jobs, workers } = std::mem::take(&mut *lock(&self.dirty));
-        if self.notices.receiver_count() == 0 {
-            return;
-        }
-        for (id, changed) in jobs {
+        let listened = self.notices.receiver_count() > 0;
+        for (id, changed) in jobs.into_iter().filter(|_| listened) {
             if let Ok(view) = self.job_view(id) {
                 self.notify(if changed { "state" } else { "progress" }, Some(id), &view);
             }
@@ -303,7 +326,12 @@ impl Service {
         let views: Vec<_> = workers.into_iter().filter_map(|id| farm.worker(id, now)).collect();
         drop(farm);
         for view in views {
-            self.notify("worker", None, &view);
+            if view.state == "lost" {
+                tracing::warn!(worker = %view.id, machine = view.machine, "a worker is silent and counts as lost");
+            }
+            if listened {
+                self.notify("worker", None, &view);
+            }
         }
     }
 
@@ -320,12 +348,12 @@ impl Service {
     }
 }
 
-fn planned(tile: TileKey, pass: u32, step: Step) -> Event {
+fn planned(tile: TileKey, pass: u32, step: Step) -> Plan {
     let work = match step {
         Step::Render { work, share } => Some((work, share)),
         Step::Finished => None,
     };
-    Event::Planned { tile, pass, work }
+    Plan { tile, pass, work }
 }
 
 /// The answers that refuse an event.

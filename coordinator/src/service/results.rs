@@ -229,7 +229,7 @@ impl Service {
                 let Some(entry) = self.entry(tile.job) else { return };
                 let rule = lock(&entry.record).rule.clone();
                 match blocking("planning a pass", move || rule.step(pass, rect, Some(&around))).await {
-                    Ok(step) => drop(self.apply(planned(tile, pass, step))),
+                    Ok(step) => drop(self.apply(Event::Planned(vec![planned(tile, pass, step)]))),
                     Err(error) => drop(self.apply(Event::MergeFailed(tile, error.to_string()))),
                 }
             }
@@ -357,4 +357,95 @@ fn unborder(tile: Rect, ring: &Film) -> Film {
     let mut moments = vec![Default::default(); tile.area()];
     border_pixels(tile).zip(&ring.moments).for_each(|(i, &m)| moments[i] = m);
     Film { moments, features: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        blobs::Blobs,
+        config::Config,
+        store::{MemoryStore, Store},
+    };
+    use common::{film::Moments, job::JobRequest};
+
+    /// Moments that tell the pixel and the pass they are of.
+    fn film(rect: Rect, pass: u32) -> Film {
+        let moments = rect
+            .pixels()
+            .map(|(x, y)| Moments {
+                samples: pass,
+                batches: pass,
+                mean: [f64::from(x), f64::from(y), 0.5],
+                m2: 0.0,
+                known: false,
+            })
+            .collect();
+        Film { moments, features: Vec::new() }
+    }
+
+    #[test]
+    fn a_border_comes_back_to_its_place() {
+        for rect in [Rect { x: 8, y: 4, w: 7, h: 5 }, Rect::frame(1, 6), Rect::frame(2, 2), Rect::frame(3, 3)] {
+            let film = film(rect, 2);
+            let ring = border(rect, &film);
+            let back = unborder(rect, &ring);
+            for (i, (x, y)) in rect.pixels().enumerate() {
+                let edge = x == rect.x || y == rect.y || x + 1 == rect.x + rect.w || y + 1 == rect.y + rect.h;
+                let expected = if edge { film.moments[i] } else { Moments::default() };
+                assert_eq!(back.moments[i], expected, "{rect} at {x},{y}");
+            }
+            assert_eq!(ring.moments.len(), border_pixels(rect).count());
+        }
+    }
+
+    #[test]
+    fn parts_join_only_when_they_cover_the_tile() {
+        let tile = Rect { x: 4, y: 4, w: 4, h: 4 };
+        let part = |rect: Rect| {
+            let result = UnitResult { rect, film: film(rect, 1), statistics: UnitStatistics::default() };
+            (rect, Bytes::from(zstd::bulk::compress(&result.encode(), 1).unwrap()))
+        };
+        let parts: Vec<_> = tile.split(6).into_iter().map(part).collect();
+        assert!(parts.len() > 2);
+        let (joined, statistics) = join(tile, &parts).unwrap();
+        assert_eq!((joined, statistics.len()), (film(tile, 1), parts.len()));
+        assert!(join(tile, &parts[1..]).is_none());
+        assert!(join(Rect { x: 0, ..tile }, &parts).is_none());
+    }
+
+    #[tokio::test]
+    async fn surroundings_are_those_of_the_pass_before_wherever_the_neighbours_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let blobs = Blobs::folder(folder.path()).unwrap();
+        let store = MemoryStore::default();
+        let service = Service::start(Config::new(folder.path()), Arc::new(store.clone()), blobs, None).await.unwrap();
+        let request: JobRequest = serde_json::from_str(
+            r#"{"scene": {"tessera": 1, "camera": {"position": [0, 0, 5], "target": [0, 0, 0]}},
+                "resolution": [24, 24], "tile": 8, "quality": {"target": "samples", "samples": 64}}"#,
+        )
+        .unwrap();
+        let job = service.submit(request).await.unwrap().id;
+        let grid = common::tile::TileGrid::new(Rect::frame(24, 24), 8);
+        let key = |tile| TileKey { job, frame: 1, tile };
+        // All nine tiles stand at two passes, but for one that is a pass ahead and one that ended at one.
+        for tile in 0..9 {
+            let rect = grid.rect(tile).unwrap();
+            let passes = [2, 2, 2, 3, 2, 2, 2, 1, 2][tile as usize];
+            let ring = (passes > 1).then(|| film::encode(&border(rect, &self::film(rect, passes - 1))).unwrap().into());
+            let bytes = film::encode(&self::film(rect, passes)).unwrap().into();
+            let record = Box::new(TileRecord { passes, ..TileRecord::default() });
+            store.write(Write::Tile { key: key(tile), record, film: bytes, ring }).await.unwrap();
+        }
+        let (rect, around) = service.surroundings(key(4), 2).await.unwrap().unwrap();
+        assert_eq!((rect, around.rect), (Rect { x: 8, y: 8, w: 8, h: 8 }, Rect { x: 7, y: 7, w: 10, h: 10 }));
+        for (i, (x, y)) in around.rect.pixels().enumerate() {
+            let ended = x / 8 == 1 && y / 8 == 2;
+            let expected = if ended { 1 } else { 2 };
+            assert_eq!((around.moments[i].samples, around.finished[i]), (expected, ended), "at {x},{y}");
+            assert_eq!(around.moments[i].mean, [f64::from(x), f64::from(y), 0.5]);
+        }
+        let (_, corner) = service.surroundings(key(0), 2).await.unwrap().unwrap();
+        assert_eq!(corner.rect, Rect::frame(9, 9));
+    }
 }

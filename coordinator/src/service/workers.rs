@@ -106,6 +106,13 @@ impl Service {
         self.farm().workers(self.now())
     }
 
+    /// Queue what is known of the workers that are there for the disk.
+    pub(super) fn save_workers(&self) {
+        for worker in self.worker_views().into_iter().filter(|worker| worker.state != "lost") {
+            self.save_worker(worker.id);
+        }
+    }
+
     /// Queue what is known of a worker for the disk.
     pub(super) fn save_worker(&self, id: WorkerId) {
         let Some((register, history)) = self.farm().worker_history(id) else { return };

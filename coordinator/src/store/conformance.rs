@@ -1,1 +1,182 @@
+//! What every store must do. Each implementation is put through the same suite.
 
+use common::{
+    hash::AssetHash,
+    job::{Frames, JobState, Quality},
+    method::Method,
+    protocol::Register,
+};
+
+use super::*;
+use crate::plan::Rule;
+
+fn job(id: u64) -> JobRecord {
+    JobRecord {
+        id: JobId(id),
+        name: format!("job {id}"),
+        scene: AssetHash::of(b"scene"),
+        frames: Frames::default(),
+        resolution: [64, 32],
+        region: Rect::frame(64, 32),
+        tile: 32,
+        quality: Quality::Samples { samples: 64 },
+        method: Method::default(),
+        rule: Rule::Uniform { samples: 64, batch: 16 },
+        priority: 50,
+        tags: vec!["a".into()],
+        seed: u64::MAX,
+        state: JobState::Queued,
+        message: None,
+        tracer: None,
+        created_at: "2026-01-01T00:00:00Z".into(),
+        finished_at: None,
+        done: None,
+    }
+}
+
+fn key(job: u64, frame: u32, tile: u32) -> TileKey {
+    TileKey { job: JobId(job), frame, tile }
+}
+
+fn tile(key: TileKey, passes: u32) -> Write {
+    let record = TileRecord { passes, share: 0.1 + 0.2, worker: Some(WorkerId(7)), ..TileRecord::default() };
+    let film = Bytes::from(vec![passes as u8; 10]);
+    Write::Tile { key, record: Box::new(record), film, ring: (passes > 1).then(|| Bytes::from_static(b"ring")) }
+}
+
+fn part(key: TileKey, pass: u32, y: u32, result: &'static [u8]) -> Write {
+    Write::Part { key, pass, rect: Rect { x: 0, y, w: 32, h: 8 }, split: 256, result: Bytes::from_static(result) }
+}
+
+/// The suite. `reopen` gives the same store again, as after a restart.
+async fn conforms<S: Store>(store: S, reopen: impl AsyncFn(S) -> S) {
+    let first = store.begin().await.unwrap();
+    assert_eq!((first.epoch, first.next_job, first.jobs.len()), (1, 1, 0));
+
+    // Jobs come back as they were written last, oldest first; numbers are not given twice.
+    store.write(Write::Job(Box::new(job(2)))).await.unwrap();
+    store.write(Write::Job(Box::new(job(1)))).await.unwrap();
+    let changed = JobRecord { state: JobState::Active, tracer: Some("t".into()), done: Frames::of([1, 2]), ..job(2) };
+    store.write(Write::Job(Box::new(changed.clone()))).await.unwrap();
+    let store = reopen(store).await;
+    let snapshot = store.begin().await.unwrap();
+    assert_eq!(snapshot.jobs, [job(1), changed]);
+    assert_eq!((snapshot.epoch, snapshot.next_job), (2, 3));
+
+    // A tile keeps its furthest pass, whatever order writes come in.
+    let a = key(1, 1, 0);
+    assert!(store.film(a).await.unwrap().is_none());
+    store.write(tile(a, 1)).await.unwrap();
+    store.write(tile(a, 2)).await.unwrap();
+    store.write(tile(a, 1)).await.unwrap();
+    let held = store.film(a).await.unwrap().unwrap();
+    assert_eq!((held.record.passes, &held.film[..], held.ring.as_deref()), (2, &[2; 10][..], Some(&b"ring"[..])));
+    assert_eq!(held.record.share.to_bits(), (0.1f64 + 0.2).to_bits(), "numbers keep their bits");
+
+    // Tiles of a job, in order; finished and reopened.
+    store.write(tile(key(1, 2, 0), 1)).await.unwrap();
+    store.write(tile(key(1, 1, 3), 1)).await.unwrap();
+    store.write(tile(key(2, 1, 0), 1)).await.unwrap();
+    let keys = |tiles: &[StoredTile]| tiles.iter().map(|tile| tile.key).collect::<Vec<_>>();
+    let tiles = store.tiles(JobId(1)).await.unwrap();
+    assert_eq!(keys(&tiles), [a, key(1, 1, 3), key(1, 2, 0)]);
+    store.write(Write::Finished(a)).await.unwrap();
+    let tiles = store.tiles(JobId(1)).await.unwrap();
+    assert_eq!((tiles[0].record.finished, tiles[0].record.share, tiles[1].record.finished), (true, 1.0, false));
+    store.write(Write::Reopen(JobId(1))).await.unwrap();
+    assert!(!store.tiles(JobId(1)).await.unwrap()[0].record.finished);
+
+    // Parts, the first of each place, until their pass is merged.
+    store.write(part(a, 2, 8, b"lower")).await.unwrap();
+    store.write(part(a, 2, 0, b"upper")).await.unwrap();
+    store.write(part(a, 2, 0, b"again")).await.unwrap();
+    let store = reopen(store).await;
+    let parts = store.parts(JobId(1)).await.unwrap();
+    assert_eq!(
+        parts.iter().map(|p| (p.key, p.pass, p.rect.y, p.split)).collect::<Vec<_>>(),
+        [(a, 2, 0, 256), (a, 2, 8, 256)]
+    );
+    let results = store.results(a, 2).await.unwrap();
+    assert_eq!(
+        results.iter().map(|(rect, result)| (rect.y, &result[..])).collect::<Vec<_>>(),
+        [(0, &b"upper"[..]), (8, b"lower")]
+    );
+    assert!(store.results(a, 1).await.unwrap().is_empty());
+    store.write(tile(a, 3)).await.unwrap();
+    assert!(store.parts(JobId(1)).await.unwrap().is_empty());
+
+    // A deleted job takes everything with it, and late writes do not bring it back.
+    store.write(Write::DeleteJob(JobId(2))).await.unwrap();
+    store.write(tile(key(2, 1, 1), 1)).await.unwrap();
+    store.write(part(key(2, 1, 1), 0, 0, b"late")).await.unwrap();
+    assert!(store.tiles(JobId(2)).await.unwrap().is_empty() && store.parts(JobId(2)).await.unwrap().is_empty());
+    assert!(store.film(key(2, 1, 0)).await.unwrap().is_none());
+
+    // Workers come back as they were written last.
+    let register = Register {
+        machine: "m".into(),
+        threads: 3,
+        cpu_features: vec!["avx2".into()],
+        tracer: "t".into(),
+        nonce: "n".into(),
+    };
+    let worker = WorkerRecord { register, units: 1, failures: 2, disabled: true, seen_at: "now".into() };
+    store.write(Write::Worker(WorkerId(4), Box::new(WorkerRecord { units: 0, ..worker.clone() }))).await.unwrap();
+    store.write(Write::Worker(WorkerId(4), Box::new(worker.clone()))).await.unwrap();
+
+    // Writes stand although nobody waits for them, in the order of the calls.
+    for i in 0..100 {
+        drop(store.write(Write::Job(Box::new(JobRecord { seed: i, ..job(5) }))));
+    }
+    store.write(Write::Barrier).await.unwrap();
+    let store = reopen(store).await;
+    let last = store.begin().await.unwrap();
+    assert_eq!(last.workers, [(WorkerId(4), worker)]);
+    assert_eq!(last.jobs.iter().map(|job| (job.id.0, job.seed)).collect::<Vec<_>>(), [(1, u64::MAX), (5, 99)]);
+    assert_eq!(last.next_job, 6);
+    store.close().await.unwrap();
+}
+
+#[tokio::test]
+async fn memory_conforms() {
+    conforms(MemoryStore::default(), async |store| store).await;
+}
+
+#[tokio::test]
+async fn sqlite_conforms() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("store.sqlite");
+    let store = SqliteStore::open(&path).await.unwrap();
+    conforms(store, async |store: SqliteStore| {
+        store.close().await.unwrap();
+        assert!(matches!(store.write(Write::Barrier).await, Err(StoreError::Closed)));
+        SqliteStore::open(&path).await.unwrap()
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn what_sqlite_acknowledged_is_there_without_a_shutdown() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("store.sqlite");
+    let store = SqliteStore::open(&path).await.unwrap();
+    store.begin().await.unwrap();
+    store.write(Write::Job(Box::new(job(1)))).await.unwrap();
+    store.write(tile(key(1, 1, 0), 1)).await.unwrap();
+    // Copied as a kill would leave it: the log is not folded into the file.
+    let copy = folder.path().join("copy.sqlite");
+    for end in ["", "-wal"] {
+        std::fs::copy(format!("{}{end}", path.display()), format!("{}{end}", copy.display())).unwrap();
+    }
+    let after = SqliteStore::open(&copy).await.unwrap();
+    assert_eq!(after.begin().await.unwrap().jobs, [job(1)]);
+    assert_eq!(after.tiles(JobId(1)).await.unwrap().len(), 1);
+}
+
+#[tokio::test]
+async fn a_file_that_is_no_store_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("store.sqlite");
+    std::fs::write(&path, b"this is not a database, and long enough to be read as one".repeat(100)).unwrap();
+    assert!(SqliteStore::open(&path).await.is_err());
+}

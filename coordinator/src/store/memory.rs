@@ -1,1 +1,122 @@
-//! A store that forgets everything: for tests.
+//! A store that forgets everything with the process: for tests.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use bytes::Bytes;
+use common::{
+    job::{JobId, WorkerId},
+    tile::Rect,
+};
+use futures::FutureExt;
+
+use super::{Answer, JobRecord, Snapshot, Store, StoreError, StoredFilm, StoredPart, StoredTile, WorkerRecord, Write};
+use crate::farm::TileKey;
+
+#[derive(Debug, Default)]
+struct Held {
+    epoch: u64,
+    next_job: u64,
+    jobs: BTreeMap<JobId, JobRecord>,
+    workers: BTreeMap<WorkerId, WorkerRecord>,
+    tiles: BTreeMap<TileKey, StoredFilm>,
+    /// By tile, pass, top, left.
+    parts: BTreeMap<(TileKey, u32, u32, u32), (Rect, usize, Bytes)>,
+}
+
+/// See the module's documentation.
+#[derive(Debug, Clone, Default)]
+pub struct MemoryStore(Arc<Mutex<Held>>);
+
+impl MemoryStore {
+    fn with<T: Send + 'static>(&self, work: impl FnOnce(&mut Held) -> T) -> Answer<T> {
+        let answer = work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        async move { Ok::<_, StoreError>(answer) }.boxed()
+    }
+}
+
+impl Held {
+    fn apply(&mut self, write: Write) {
+        match write {
+            Write::Job(record) => {
+                self.next_job = self.next_job.max(record.id.0 + 1);
+                self.jobs.insert(record.id, *record);
+            }
+            Write::DeleteJob(id) => {
+                self.jobs.remove(&id);
+                self.tiles.retain(|key, _| key.job != id);
+                self.parts.retain(|(key, ..), _| key.job != id);
+            }
+            Write::Tile { key, record, film, ring } if self.jobs.contains_key(&key.job) => {
+                let passes = record.passes;
+                if self.tiles.get(&key).is_none_or(|held| held.record.passes < passes) {
+                    self.tiles.insert(key, StoredFilm { record: *record, film, ring });
+                }
+                self.parts.retain(|(held, pass, ..), _| *held != key || *pass >= passes);
+            }
+            Write::Finished(key) => {
+                if let Some(held) = self.tiles.get_mut(&key) {
+                    (held.record.finished, held.record.share) = (true, 1.0);
+                }
+            }
+            Write::Reopen(id) => {
+                let tiles = self.tiles.iter_mut().filter(|(key, _)| key.job == id);
+                tiles.for_each(|(_, held)| held.record.finished = false);
+            }
+            Write::Part { key, pass, rect, split, result } if self.jobs.contains_key(&key.job) => {
+                self.parts.entry((key, pass, rect.y, rect.x)).or_insert((rect, split, result));
+            }
+            Write::Worker(id, record) => drop(self.workers.insert(id, *record)),
+            Write::Tile { .. } | Write::Part { .. } | Write::Barrier => {}
+        }
+    }
+}
+
+impl Store for MemoryStore {
+    fn begin(&self) -> Answer<Snapshot> {
+        self.with(|held| {
+            held.epoch += 1;
+            Snapshot {
+                jobs: held.jobs.values().cloned().collect(),
+                workers: held.workers.iter().map(|(&id, record)| (id, record.clone())).collect(),
+                next_job: held.next_job.max(1),
+                epoch: held.epoch,
+            }
+        })
+    }
+
+    fn write(&self, write: Write) -> Answer<()> {
+        self.with(|held| held.apply(write))
+    }
+
+    fn tiles(&self, job: JobId) -> Answer<Vec<StoredTile>> {
+        self.with(|held| {
+            let tiles = held.tiles.iter().filter(|(key, _)| key.job == job);
+            tiles.map(|(&key, held)| StoredTile { key, record: held.record.clone() }).collect()
+        })
+    }
+
+    fn parts(&self, job: JobId) -> Answer<Vec<StoredPart>> {
+        self.with(|held| {
+            let parts = held.parts.iter().filter(|((key, ..), _)| key.job == job);
+            parts.map(|(&(key, pass, ..), &(rect, split, _))| StoredPart { key, pass, rect, split }).collect()
+        })
+    }
+
+    fn film(&self, key: TileKey) -> Answer<Option<StoredFilm>> {
+        self.with(|held| held.tiles.get(&key).cloned())
+    }
+
+    fn results(&self, key: TileKey, pass: u32) -> Answer<Vec<(Rect, Bytes)>> {
+        self.with(|held| {
+            let parts = held.parts.range((key, pass, 0, 0)..=(key, pass, u32::MAX, u32::MAX));
+            parts.map(|(_, (rect, _, result))| (*rect, result.clone())).collect()
+        })
+    }
+
+    fn close(&self) -> Answer<()> {
+        self.with(|_| ())
+    }
+}

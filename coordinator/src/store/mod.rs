@@ -18,6 +18,8 @@ use common::{
 };
 use futures::future::BoxFuture;
 
+#[cfg(test)]
+pub use memory::MemoryStore;
 pub use record::{JobRecord, TileRecord, TileSummary, WorkRecord, WorkerRecord};
 pub use sqlite::SqliteStore;
 
