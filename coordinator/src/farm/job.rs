@@ -264,7 +264,7 @@ impl Job {
             let phase = if finished { Phase::Finished } else { Phase::Waiting };
             open.unfinished += u32::from(!finished);
             open.done += rect.area() as f64 * share;
-            open.tiles.push(Tile { rect: rect, passes, share, attempts, worker, cost: None, phase, parts });
+            open.tiles.push(Tile { rect, passes, share, attempts, worker, cost: None, phase, parts });
         }
         frames[index].stage = Stage::Open(open);
         let number = frames[index].number;
