@@ -74,7 +74,8 @@ async fn bad_jobs_are_refused_by_the_field() {
         change(&mut body);
         body
     };
-    let cases: [(&dyn Fn(&mut Value), &str, &str); 15] = [
+    type Case<'a> = (&'a dyn Fn(&mut Value), &'a str, &'a str);
+    let cases: [Case; 15] = [
         (&|b: &mut Value| b["colour"] = json!(1), "colour", "unknown field"),
         (&|b: &mut Value| b["tile"] = json!("big"), "tile", "expected"),
         (&|b: &mut Value| b["tile"] = json!(4), "tile", "8 to 1024"),

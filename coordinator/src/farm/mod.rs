@@ -6,7 +6,9 @@
 
 mod job;
 mod lease;
+mod life;
 mod results;
+mod size;
 mod view;
 mod worker;
 

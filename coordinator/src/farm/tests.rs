@@ -259,7 +259,7 @@ fn a_unit_that_loses_three_workers_fails_its_job() {
     let mut bench = Bench::new(1);
     bench.submit(1, 1, 50);
     for round in 0..3 {
-        assert_eq!(bench.state(1) == JobState::Failed, false, "round {round}");
+        assert_ne!(bench.state(1), JobState::Failed, "round {round}");
         let worker = bench.join(&format!("n{round}"), 1);
         bench.ask(worker).unwrap();
         bench.wait(20.0, &[]);
@@ -275,7 +275,7 @@ fn a_unit_that_fails_on_three_workers_fails_its_job_with_the_message() {
     bench.submit(1, 1, 50);
     let workers: Vec<WorkerId> = (0..4).map(|i| bench.join(&format!("n{i}"), 1)).collect();
     for (i, &worker) in workers[..3].iter().enumerate() {
-        assert_eq!(bench.state(1) == JobState::Failed, false, "after {i} workers");
+        assert_ne!(bench.state(1), JobState::Failed, "after {i} workers");
         let grant = bench.ask(worker).unwrap();
         assert_eq!(grant.units[0].id.tile, 0);
         bench.fail_first(&grant);

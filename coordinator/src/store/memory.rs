@@ -15,6 +15,9 @@ use futures::FutureExt;
 use super::{Answer, JobRecord, Snapshot, Store, StoreError, StoredFilm, StoredPart, StoredTile, WorkerRecord, Write};
 use crate::farm::TileKey;
 
+/// Tile, pass, top, left.
+type PartKey = (TileKey, u32, u32, u32);
+
 #[derive(Debug, Default)]
 struct Held {
     epoch: u64,
@@ -22,8 +25,7 @@ struct Held {
     jobs: BTreeMap<JobId, JobRecord>,
     workers: BTreeMap<WorkerId, WorkerRecord>,
     tiles: BTreeMap<TileKey, StoredFilm>,
-    /// By tile, pass, top, left.
-    parts: BTreeMap<(TileKey, u32, u32, u32), (Rect, usize, Bytes)>,
+    parts: BTreeMap<PartKey, (Rect, usize, Bytes)>,
 }
 
 /// See the module's documentation.
