@@ -62,6 +62,8 @@ pub struct Verdict {
     pub met: bool,
     /// Batches it should have after the next pass; its present number where it should get none.
     pub batches: u32,
+    /// Batches it is expected to have in the end.
+    pub goal: u32,
 }
 
 impl Rule {
@@ -107,7 +109,7 @@ impl Rule {
         let scale = own.luminance().abs().max(FLOOR);
         let allowed = self.relative_error * scale;
         if own.known {
-            return Verdict { half_width: 0.0, relative: 0.0, met: true, batches: own.batches };
+            return Verdict { half_width: 0.0, relative: 0.0, met: true, batches: own.batches, goal: own.batches };
         }
         let met = half_width <= allowed && half_width > 0.0;
         let wanted = if met {
@@ -121,7 +123,8 @@ impl Rule {
         let grown = own.batches.saturating_mul(GROWTH).max(own.batches.saturating_add(1));
         let batches = wanted.min(grown).min(self.max_batches).max(own.batches);
         let half_width = if half_width > 0.0 { half_width } else { f64::INFINITY };
-        Verdict { half_width, relative: half_width / scale, met, batches }
+        let goal = wanted.clamp(own.batches, self.max_batches.max(own.batches));
+        Verdict { half_width, relative: half_width / scale, met, batches, goal }
     }
 
     /// Half-width of the interval of the luminance: Student's quantile times the standard error from the

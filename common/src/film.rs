@@ -21,13 +21,16 @@ pub struct Moments {
     /// Whether every sample so far missed the scene or ended on a light it saw directly, with nothing
     /// estimated on the way: then a spread of zero is knowledge, not luck.
     pub known: bool,
+    /// Whether a pass gave it nothing: a pixel that stopped stays so, whatever its neighbours do later. Set
+    /// by whoever merges passes, never by [`Moments::merge`].
+    pub stopped: bool,
 }
 
 impl Moments {
     /// One batch: its number of samples and its mean.
     #[must_use]
     pub fn batch(samples: u32, mean: [f64; 3]) -> Self {
-        Self { samples, batches: 1, mean, m2: 0.0, known: false }
+        Self { samples, batches: 1, mean, m2: 0.0, known: false, stopped: false }
     }
 
     /// Add `other` after `self` (Chan, Golub and LeVeque 1983). The order is part of the bits.
@@ -52,6 +55,7 @@ impl Moments {
             mean,
             m2: self.m2 + other.m2 + delta * delta * (na * nb / n),
             known: self.known && other.known,
+            stopped: self.stopped || other.stopped,
         }
     }
 

@@ -275,6 +275,7 @@ mod tests {
                 mean: [0.5, f64::from(i), 2.0],
                 m2: 0.25,
                 known: uneven && i % 2 == 0,
+                stopped: false,
             })
             .collect();
         let feature = Features { albedo: [0.1, 0.2, 0.3], normal: [0.0, 1.0, 0.0], depth: 7.0 };

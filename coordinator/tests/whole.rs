@@ -108,14 +108,15 @@ async fn a_job_continued_to_more_samples_has_the_bits_of_one_that_asked_at_once(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_default_is_a_noise_target_by_the_textbook_rule() {
+async fn the_default_is_a_noise_target_planned_from_the_measured_error() {
     let folder = tempfile::tempdir().unwrap();
     let app = open(folder.path()).await;
     let view = submit(&app, json!({ "scene": scene(), "frames": "1-3x2" })).await;
     assert_eq!(serde_json::to_value(&view.quality).unwrap()["target"], "noise");
     let worker = Worker::register(&app, "a").await;
     let lease = worker.lease(&app).await.unwrap();
-    assert_eq!(serde_json::to_value(&lease.units[0].work).unwrap()["kind"], "textbook");
+    let pilot = serde_json::to_value(&lease.units[0].work).unwrap();
+    assert_eq!((&pilot["kind"], &pilot["samples"]), (&json!("uniform"), &json!(64)));
     for unit in &lease.units {
         worker.hand_in(&app, &lease, unit).await;
     }

@@ -4,8 +4,10 @@
 //! has finished the one before. A rule knows nothing of workers, leases, stores or clocks.
 
 pub mod interval;
+mod planned;
 
 use common::{
+    adaptive,
     film::Moments,
     job::{FieldError, Quality},
     method::{Adaptive, Method},
@@ -34,7 +36,19 @@ pub enum Rule {
         /// Most samples of a pixel.
         max_samples: u32,
     },
+    /// Passes planned from the measured error of a pixel and its neighbours: [`common::adaptive`].
+    Adaptive {
+        /// Half-width of the interval relative to the luminance.
+        relative_error: f64,
+        /// Share of intervals that are to hold the truth.
+        confidence: f64,
+        /// Most samples of a pixel.
+        max_samples: u32,
+    },
 }
+
+/// Share of a tile's work that its pilot is taken for, until more is known.
+const PILOT_SHARE: f64 = 0.2;
 
 /// What a rule says about a tile.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,7 +97,10 @@ impl Rule {
                 "method.adaptive",
                 "a fixed number of samples leaves nothing to adapt; ask for a noise target, or leave this out",
             )),
-            (&Quality::Noise { relative_error, max_samples, .. }, None | Some(Adaptive::On | Adaptive::Textbook)) => {
+            (&Quality::Noise { relative_error, confidence, max_samples }, None | Some(Adaptive::On)) => {
+                Ok(Rule::Adaptive { relative_error, confidence, max_samples })
+            }
+            (&Quality::Noise { relative_error, max_samples, .. }, Some(Adaptive::Textbook)) => {
                 Ok(Rule::Textbook { batch: method.adaptive_batch, tolerance: relative_error, max_samples })
             }
             (Quality::Noise { .. }, Some(Adaptive::Off)) => Err(FieldError::new(
@@ -129,7 +146,7 @@ impl Rule {
     pub fn batch(&self) -> u32 {
         match *self {
             Rule::Uniform { batch, .. } => batch,
-            Rule::Textbook { .. } => pass::BATCH,
+            Rule::Textbook { .. } | Rule::Adaptive { .. } => pass::BATCH,
         }
     }
 
@@ -143,6 +160,7 @@ impl Rule {
                 Some(f64::from(pass::uniform_end(passes - 1, samples, batch)) / f64::from(samples))
             }
             Rule::Textbook { .. } => Some(1.0),
+            Rule::Adaptive { .. } => None,
         }
     }
 
@@ -152,12 +170,13 @@ impl Rule {
     pub fn looks_around(&self) -> bool {
         match self {
             Rule::Uniform { .. } | Rule::Textbook { .. } => false,
+            Rule::Adaptive { .. } => true,
         }
     }
 
     /// Plan pass `pass` of a tile. `around` is given where [`Rule::looks_around`] and `pass` is above 0.
     #[must_use]
-    pub fn step(&self, pass: u32, _rect: Rect, _around: Option<&Surroundings>) -> Step {
+    pub fn step(&self, pass: u32, rect: Rect, around: Option<&Surroundings>) -> Step {
         match *self {
             Rule::Uniform { samples, batch } => match pass::uniform_pass(pass, samples, batch) {
                 Some(work) => Step::Render { work, share: self.share(pass + 1).unwrap_or(1.0) },
@@ -167,6 +186,18 @@ impl Rule {
                 0 => Step::Render { work: Work::Textbook { batch, tolerance, max_samples }, share: 1.0 },
                 _ => Step::Finished,
             },
+            Rule::Adaptive { relative_error, confidence, max_samples } => {
+                let rule = adaptive::Rule::new(relative_error, confidence, max_samples, pass::BATCH);
+                match (pass, around) {
+                    (0, _) => {
+                        let samples = rule.pilot() * pass::BATCH;
+                        Step::Render { work: Work::Uniform { first: 0, samples }, share: PILOT_SHARE }
+                    }
+                    (_, Some(around)) => planned::next(&rule, rect, around),
+                    // Asked without the measurements it needs: nothing more can be said to be wanted.
+                    (_, None) => Step::Finished,
+                }
+            }
         }
     }
 }
@@ -189,7 +220,8 @@ mod tests {
             (&samples, Some(Adaptive::Off), Ok(Rule::Uniform { samples: 64, batch: 16 })),
             (&samples, Some(Adaptive::Textbook), Ok(Rule::Textbook { batch: 32, tolerance: 0.05, max_samples: 64 })),
             (&samples, Some(Adaptive::On), Err("method.adaptive")),
-            (&noise, None, Ok(Rule::Textbook { batch: 32, tolerance: 0.1, max_samples: 4096 })),
+            (&noise, None, Ok(Rule::Adaptive { relative_error: 0.1, confidence: 0.95, max_samples: 4096 })),
+            (&noise, Some(Adaptive::Textbook), Ok(Rule::Textbook { batch: 32, tolerance: 0.1, max_samples: 4096 })),
             (&noise, Some(Adaptive::Off), Err("method.adaptive")),
             (&time, None, Err("quality.target")),
         ] {

@@ -167,7 +167,7 @@ mod tests {
                 batches: 4,
                 mean: [1.0; 3],
                 m2: if i == 0 { 100.0 } else { deviation },
-                known: false,
+                ..Moments::default()
             })
             .collect();
         let summary = summarise(&Film { moments, features: Vec::new() }, &Quality::default());

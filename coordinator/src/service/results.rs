@@ -4,7 +4,7 @@ use std::sync::{Arc, atomic::Ordering};
 
 use bytes::Bytes;
 use common::{
-    film::Film,
+    film::{Film, Moments},
     job::LeaseId,
     pass::Work,
     protocol::{Unit, UnitId},
@@ -302,9 +302,11 @@ fn read_result(body: &[u8], unit: &Unit, batch: u32) -> Result<UnitResult, Strin
     Ok(result)
 }
 
-/// Merge a later pass into a film, pixel by pixel. The order is part of the bits.
+/// Merge a later pass into a film, pixel by pixel. The order is part of the bits. A pixel that the pass gave
+/// nothing has stopped.
 fn merge(before: &Film, later: &Film) -> Film {
-    let moments = before.moments.iter().zip(&later.moments).map(|(a, b)| a.merge(*b)).collect();
+    let both = before.moments.iter().zip(&later.moments);
+    let moments = both.map(|(a, b)| Moments { stopped: a.stopped || b.samples == 0, ..a.merge(*b) }).collect();
     Film { moments, features: before.features.clone() }
 }
 
@@ -378,7 +380,7 @@ mod tests {
                 batches: pass,
                 mean: [f64::from(x), f64::from(y), 0.5],
                 m2: 0.0,
-                known: false,
+                ..Moments::default()
             })
             .collect();
         Film { moments, features: Vec::new() }

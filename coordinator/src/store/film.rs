@@ -44,7 +44,7 @@ pub fn encode(film: &Film) -> Result<Vec<u8>, StoreError> {
         out.push(WIDE);
         shuffled(&mut out, m2().map(f64::to_le_bytes));
     }
-    counts(&mut out, moments.iter().map(|m| u32::from(m.known)));
+    counts(&mut out, moments.iter().map(|m| u32::from(m.known) | u32::from(m.stopped) << 1));
     for channel in 0..7 {
         shuffled(&mut out, film.features.iter().map(|f| feature(f, channel).to_le_bytes()));
     }
@@ -85,8 +85,8 @@ pub fn decode(bytes: &[u8], pixels: usize) -> Result<Film, StoreError> {
         for (m, value) in moments.iter_mut().zip(m2) {
             m.m2 = if kind == NARROW { value * value } else { value };
         }
-        for (m, known) in moments.iter_mut().zip(input.counts(pixels)?) {
-            m.known = known == 1;
+        for (m, marks) in moments.iter_mut().zip(input.counts(pixels)?) {
+            (m.known, m.stopped) = (marks & 1 != 0, marks & 2 != 0);
         }
         let mut all = vec![Features::default(); if features == 1 { pixels } else { 0 }];
         for channel in 0..7 {
@@ -174,8 +174,9 @@ mod tests {
 
     fn moments() -> impl Strategy<Value = Moments> {
         let number = prop_oneof![Just(0.0), 0.0..1e9f64, (0.0..1e3f32).prop_map(f64::from)];
-        (0u32..4, 0u32..4, [number.clone(), number.clone(), number.clone()], number, any::<bool>())
-            .prop_map(|(samples, batches, mean, m2, known)| Moments { samples, batches, mean, m2, known })
+        (0u32..4, 0u32..4, [number.clone(), number.clone(), number.clone()], number, any::<[bool; 2]>()).prop_map(
+            |(samples, batches, mean, m2, [known, stopped])| Moments { samples, batches, mean, m2, known, stopped },
+        )
     }
 
     proptest! {
@@ -207,12 +208,12 @@ mod tests {
             .map(|i| {
                 let noise = f64::from((i.wrapping_mul(2_654_435_761) >> 8) as f32 * 1e-6);
                 let root = f64::from(noise as f32);
-                Moments { samples: 16, batches: 1, mean: [noise; 3], m2: root * root, known: false }
+                Moments { samples: 16, batches: 1, mean: [noise; 3], m2: root * root, ..Moments::default() }
             })
             .collect();
         let merged = first
             .iter()
-            .map(|m| m.merge(Moments { samples: 48, batches: 3, mean: [0.3; 3], m2: 0.7, known: false }))
+            .map(|m| m.merge(Moments { samples: 48, batches: 3, mean: [0.3; 3], m2: 0.7, ..Moments::default() }))
             .collect();
         let size = |moments| encode(&Film { moments, features: Vec::new() }).unwrap().len();
         let (narrow, wide) = (size(first), size(merged));
