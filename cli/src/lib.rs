@@ -21,7 +21,7 @@ pub mod stability;
 mod submit;
 mod watch;
 
-use std::process::ExitCode;
+use std::{io::IsTerminal, process::ExitCode};
 
 use args::{Cli, Command};
 use clap::{Parser, error::ErrorKind};
@@ -80,6 +80,7 @@ fn log(filter: Option<&str>, service: bool) -> Result<(), Failure> {
     let filter = filter.filter(|filter| !filter.is_empty()).unwrap_or(default);
     let filter = EnvFilter::builder().parse(filter).map_err(|error| Failure::Input(format!("--log: {error}")))?;
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let builder = builder.with_ansi(std::io::stderr().is_terminal());
     let builder = builder.with_span_events(FmtSpan::NONE).with_target(false);
     // It can be set once in a process, and this is the once.
     let _ = if service { builder.try_init() } else { builder.without_time().try_init() };

@@ -53,8 +53,7 @@ impl Output {
                 Err(Failure::Input(message))
             }
             None => {
-                fs::create_dir_all(path).map_err(|error| not_writable(path, &error))?;
-                tempfile::tempfile_in(path).map_err(|error| not_writable(path, &error))?;
+                folder(path)?;
                 Ok(Output::Folder(path.into()))
             }
         }
@@ -83,6 +82,15 @@ impl Output {
             Output::File(..) => None,
         }
     }
+}
+
+/// Make a folder where there is none, and try whether it can be written to.
+///
+/// # Errors
+/// It cannot.
+pub fn folder(path: &Path) -> Result<(), Failure> {
+    fs::create_dir_all(path).map_err(|error| not_writable(path, &error))?;
+    tempfile::tempfile_in(path).map_err(|error| not_writable(path, &error)).map(drop)
 }
 
 /// Write a file; it appears under its name when it is whole.

@@ -16,7 +16,7 @@ use crate::{
     bundle::Bundle,
     error::Failure,
     farm::{Farm, endpoint},
-    output::Output,
+    output::{self, Output},
     request,
     services::{machine, threads},
     watch::Watch,
@@ -39,11 +39,11 @@ pub async fn render(args: RenderArgs) -> Result<(), Failure> {
         eprintln!("note: {note}");
     }
     let mut local = Local::start(args.data, threads(args.threads)).await?;
-    eprintln!("dashboard {}/", local.farm.url());
     let watch = Watch { farm: &local.farm, scene: &args.scene, output: Some(&output), json: args.json, started };
     let watched = async {
         let job = local.farm.submit(&request, &bundle.assets()).await?;
         drop(bundle);
+        eprintln!("dashboard {}/", local.farm.url());
         tokio::select! {
             ended = watch.to_the_end(job.id) => ended,
             interrupted = watch.interrupted(job.id) => Err(interrupted),
@@ -72,7 +72,10 @@ impl Local {
     async fn start(data: Option<PathBuf>, threads: usize) -> Result<Self, Failure> {
         let cannot = |what: &str, error: &dyn std::fmt::Display| Failure::Work(format!("{what}: {error}"));
         let (data, temporary) = match data {
-            Some(data) => (data, None),
+            Some(data) => {
+                output::folder(&data)?;
+                (data, None)
+            }
             None => {
                 let folder = tempfile::Builder::new().prefix("tessera-").tempdir();
                 let folder = folder.map_err(|error| cannot("no temporary folder", &error))?;

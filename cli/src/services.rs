@@ -11,7 +11,7 @@ use crate::{
     args::{CoordinatorArgs, WorkerArgs},
     error::{Failure, reason},
     farm::{endpoint, token},
-    signals,
+    output, signals,
 };
 
 /// How long a worker that leaves goes on with what it has begun.
@@ -36,6 +36,7 @@ pub async fn coordinator(args: CoordinatorArgs) -> Result<(), Failure> {
             BadConfig::WeakToken => error.to_string(),
         })
     })?;
+    output::folder(&config.data)?;
     let listen = args.listen;
     let cannot = |error: std::io::Error| Failure::Work(format!("--listen {listen}: {}", reason(&error)));
     let listener = TcpListener::bind(listen).await.map_err(cannot)?;

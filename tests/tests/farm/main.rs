@@ -1,0 +1,5 @@
+//! Farms of real processes: what they make, and what they survive.
+
+mod kills;
+mod processes;
+mod rest;
