@@ -45,7 +45,7 @@ pub async fn render(args: RenderArgs) -> Result<(), Failure> {
         drop(bundle);
         eprintln!("dashboard {}/", local.farm.url());
         tokio::select! {
-            ended = watch.to_the_end(job.id) => ended,
+            ended = watch.follow(job.id) => ended,
             interrupted = watch.interrupted(job.id) => Err(interrupted),
         }
     };

@@ -30,5 +30,5 @@ pub async fn submit(args: SubmitArgs) -> Result<(), Failure> {
     }
     eprintln!("job {} at {}/", job.id, farm.url());
     let json = args.farm.json;
-    Watch { farm: &farm, scene: &args.scene, output: output.as_ref(), json, started }.to_the_end(job.id).await
+    Watch { farm: &farm, scene: &args.scene, output: output.as_ref(), json, started }.follow(job.id).await
 }

@@ -37,7 +37,7 @@ impl Watch<'_> {
     ///
     /// # Errors
     /// The job failed or was cancelled, or a file cannot be written.
-    pub async fn to_the_end(&self, id: JobId) -> Result<(), Failure> {
+    pub async fn follow(&self, id: JobId) -> Result<(), Failure> {
         let submitted = Instant::now();
         let mut progress = Progress::new();
         let followed = self.farm.follow(id, |job| progress.show(job)).await;

@@ -134,7 +134,6 @@ impl Endpoint {
     }
 
     /// A request to `path` below the API's prefix; `path` begins with a slash.
-    #[must_use]
     pub fn request(&self, method: Method, path: &str) -> RequestBuilder {
         self.http.request(method, format!("{}{API}{path}", self.url())).timeout(TIMEOUT)
     }

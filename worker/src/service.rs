@@ -71,7 +71,7 @@ pub enum WorkerError {
         /// The coordinator.
         url: String,
         /// What it said.
-        source: CallError,
+        source: Box<CallError>,
     },
 }
 
@@ -226,7 +226,7 @@ impl Session {
     }
 
     fn refused(&self, source: CallError) -> WorkerError {
-        WorkerError::Refused { url: self.link.endpoint.url().into(), source }
+        WorkerError::Refused { url: self.link.endpoint.url().into(), source: Box::new(source) }
     }
 
     fn held(&self) -> std::sync::MutexGuard<'_, BTreeMap<u64, Held>> {
