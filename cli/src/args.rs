@@ -89,8 +89,14 @@ pub struct RenderArgs {
     /// A scene file, or a bare mesh file
     pub scene: PathBuf,
     /// A folder for all images, or one image as FILE.png or FILE.exr
-    #[arg(short, long, value_name = "OUT")]
-    pub output: PathBuf,
+    #[arg(short, long, value_name = "OUT", required_unless_present = "pixel")]
+    pub output: Option<PathBuf>,
+    /// Instead of an image: one sample of this pixel again, alone, with its path printed
+    #[arg(long, value_name = "X,Y", requires = "sample", help_heading = "Replay", value_parser = pixel)]
+    pub pixel: Option<[u32; 2]>,
+    /// With --pixel: number of the sample, from 0
+    #[arg(long, value_name = "N", requires = "pixel", help_heading = "Replay")]
+    pub sample: Option<u32>,
     /// Threads to render with [default: all cores]
     #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
@@ -307,6 +313,12 @@ fn resolution(text: &str) -> Result<[u32; 2], String> {
     Ok([w, h])
 }
 
+/// `X,Y`.
+fn pixel(text: &str) -> Result<[u32; 2], String> {
+    let numbers = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));
+    numbers.ok_or_else(|| "expected column,row counted from 0 at the top left, such as 100,50".into())
+}
+
 /// `X,Y,W,H`.
 fn crop(text: &str) -> Result<[u32; 4], String> {
     let numbers: Option<Vec<u32>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
@@ -389,6 +401,7 @@ mod tests {
             ("--adaptive-batch 1", "2..=65536"),
             ("--adaptive-tolerance -1", "--adaptive-tolerance"),
             ("--threads 0", "1..=4096"),
+            ("--sample 1 --pixel 4", "such as 100,50"),
             ("--unheard-of", "--unheard-of"),
         ] {
             let error = render(options).expect_err(options);
@@ -402,6 +415,7 @@ mod tests {
     fn every_command_of_the_documentation_parses() {
         for line in [
             "render s.obj -o a.png --threads 2 --json --data d",
+            "render s.json --pixel 3,4 --sample 5",
             "coordinator --listen 127.0.0.1:0 --data d",
             "coordinator --listen 0.0.0.0:7878 --data d --insecure --token-file t",
             "worker --coordinator http://h:1 --threads 4 --name n",
@@ -420,7 +434,7 @@ mod tests {
             let words = ["tessera"].into_iter().chain(line.split(' '));
             assert!(Cli::try_parse_from(words).is_ok(), "{line}");
         }
-        for line in ["render s.json", "submit s.json -o out", "job 3", "plan s.json", ""] {
+        for line in ["render s.json", "render s.json --pixel 1,2", "submit s.json -o out", "job 3", "plan s.json", ""] {
             let words = ["tessera"].into_iter().chain(line.split_whitespace());
             assert!(Cli::try_parse_from(words).is_err(), "{line}");
         }

@@ -104,15 +104,22 @@ impl Bundle {
     /// # Errors
     /// The file or field that cannot be rendered.
     pub fn verify(&mut self, request: &JobRequest) -> Result<(), Failure> {
+        self.load(request).map(drop)
+    }
+
+    /// The scene at the first frame that `request` asks for, reduced to what rendering needs.
+    ///
+    /// # Errors
+    /// The file or field that cannot be rendered.
+    pub fn load(&mut self, request: &JobRequest) -> Result<tracer::Loaded, Failure> {
         let (assets, warnings) =
             worker::decode_files(&self.scene, &self.files).map_err(|error| placed(&self.path, "", &error))?;
-        let frame = crate::request::frames(request, self).numbers().first().copied().unwrap_or(1);
-        let method = request.method.clone().or(&self.scene.settings.method).resolve();
-        let scene = self.scene.at_frame(frame);
+        let scene = self.scene.at_frame(crate::request::first_frame(request, self));
+        let method = crate::request::method_of(request, self);
         let loaded = tracer::Loaded::new(&scene, &assets, &method, self.resolution(request));
         let loaded = loaded.map_err(|error| placed(&self.path, &error.field, &error.message))?;
         self.notes.extend(warnings.into_iter().chain(loaded.warnings().iter().cloned()));
-        Ok(())
+        Ok(loaded)
     }
 
     /// Width and height of the frames that `request` asks for.

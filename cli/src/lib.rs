@@ -12,6 +12,7 @@ mod output;
 mod print;
 mod progress;
 mod render;
+mod replay;
 mod report;
 mod request;
 mod scene;

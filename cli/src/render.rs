@@ -17,6 +17,7 @@ use crate::{
     error::Failure,
     farm::{Farm, endpoint},
     output::{self, Output},
+    replay::replay,
     request,
     services::{machine, threads},
     watch::Watch,
@@ -30,10 +31,14 @@ const STOP: Duration = Duration::from_secs(5);
 /// # Errors
 /// Bad input, a coordinator or worker that does not start, a job that fails, or Ctrl-C.
 pub async fn render(args: RenderArgs) -> Result<(), Failure> {
+    if let (Some(pixel), Some(sample)) = (args.pixel, args.sample) {
+        return replay(&args, pixel, sample);
+    }
     let started = Instant::now();
     let mut bundle = Bundle::read(&args.scene)?;
     let request = request::of(&args.job, &bundle)?;
-    let output = Output::prepare(&args.output, &request::frames(&request, &bundle))?;
+    let path = args.output.ok_or_else(|| Failure::Input("--output: give a folder, FILE.png or FILE.exr".into()))?;
+    let output = Output::prepare(&path, &request::frames(&request, &bundle))?;
     bundle.verify(&request)?;
     for note in &bundle.notes {
         eprintln!("note: {note}");

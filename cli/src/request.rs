@@ -2,7 +2,8 @@
 
 use common::{
     job::{DEFAULT_CONFIDENCE, DEFAULT_MAX_SAMPLES, DEFAULT_TILE, Frames, JobRequest, Quality, SceneRef},
-    method::MethodChoices,
+    method::{Method, MethodChoices},
+    protocol::RenderSettings,
 };
 
 use crate::{args::JobOptions, bundle::Bundle, error::Failure};
@@ -32,6 +33,30 @@ pub fn of(options: &JobOptions, bundle: &Bundle) -> Result<JobRequest, Failure> 
 #[must_use]
 pub fn frames(request: &JobRequest, bundle: &Bundle) -> Frames {
     request.frames.clone().or_else(|| bundle.scene.settings.frames.clone()).unwrap_or_default()
+}
+
+/// The first of them.
+#[must_use]
+pub fn first_frame(request: &JobRequest, bundle: &Bundle) -> u32 {
+    frames(request, bundle).numbers().first().copied().unwrap_or(1)
+}
+
+/// The method that a request means, every choice made.
+#[must_use]
+pub fn method_of(request: &JobRequest, bundle: &Bundle) -> Method {
+    request.method.clone().or(&bundle.scene.settings.method).resolve()
+}
+
+/// The settings that the units of the first frame share, as the farm will have them.
+///
+/// # Errors
+/// A target and a method that contradict each other.
+pub fn settings(request: &JobRequest, bundle: &Bundle) -> Result<RenderSettings, Failure> {
+    let method = method_of(request, bundle);
+    let quality = request.quality.clone().or_else(|| bundle.scene.settings.quality.clone()).unwrap_or_default();
+    let batch = coordinator::plan::Rule::of(&quality, &method)?.batch();
+    let (frame, resolution) = (first_frame(request, bundle), bundle.resolution(request));
+    Ok(RenderSettings { frame, resolution, method, seed: request.seed, batch })
 }
 
 /// The target asked for; `None` leaves it to the scene.

@@ -157,3 +157,27 @@ fn scenes_are_checked_converted_and_described() {
     let schema: Value = serde_json::from_slice(&tessera(folder.path(), "scene schema").stdout).unwrap();
     assert_eq!(schema["title"], "SceneFile");
 }
+
+#[test]
+fn one_sample_is_replayed_with_the_radiance_it_has_in_the_image() {
+    let folder = folder();
+    // One sample a pixel: the image is the samples.
+    let options = "--samples 1 --resolution 24x16 --seed 5";
+    let rendered = tessera(folder.path(), &format!("render good.json -o a.exr {options}"));
+    assert!(rendered.status.success(), "{}", String::from_utf8_lossy(&rendered.stderr));
+    let image = exr::prelude::read_first_rgba_layer_from_file(
+        folder.path().join("a.exr"),
+        |size, _| vec![[0.0f32; 3]; size.area()],
+        |pixels, at, (r, g, b, _): (f32, f32, f32, f32)| pixels[at.y() * 24 + at.x()] = [r, g, b],
+    );
+    let pixels = image.unwrap().layer_data.channel_data.pixels;
+    let lit = pixels.iter().position(|rgb| rgb[0] > 0.0).expect("some sample found the lamp");
+    let replay =
+        tessera(folder.path(), &format!("render good.json --pixel {},{} --sample 0 {options}", lit % 24, lit / 24));
+    let said = String::from_utf8(replay.stdout).unwrap();
+    assert!(replay.status.success(), "{}", String::from_utf8_lossy(&replay.stderr));
+    let [r, g, b] = pixels[lit];
+    assert!(said.contains(&format!("radiance [{r}, {g}, {b}]")), "{:?} in {said}", pixels[lit]);
+    let outside = tessera(folder.path(), "render good.json --pixel 24,0 --sample 0");
+    assert_eq!(outside.status.code(), Some(2));
+}

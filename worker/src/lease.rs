@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use common::{
     job::LeaseId,
-    protocol::{FailureCause, Lease, RESULT_CONTENT_TYPE, UnitId},
+    protocol::{FailureCause, Lease, RESULT_CONTENT_TYPE, RenderSettings, UnitId},
     result::UnitResult,
 };
 use reqwest::{Method, header::CONTENT_TYPE};
@@ -129,7 +129,12 @@ fn render(
         tell(
             id,
             match outcome {
-                Outcome::Done(mut result) => {
+                Outcome::Done(mut result, rejected) => {
+                    if let Some(rejected) = rejected
+                        && session.scenes.is_news(&format!("not finite: {}", lease.scene))
+                    {
+                        tracing::warn!("{}", replay(lease, rejected));
+                    }
                     result.statistics.load_seconds = ready.load.charge();
                     result.statistics.build_seconds = ready.build.charge();
                     pack(&result).map_or_else(Ended::Failed, Ended::Done)
@@ -140,6 +145,16 @@ fn render(
             },
         );
     });
+}
+
+/// What to say of a sample that was not finite.
+fn replay(lease: &Lease, [x, y, sample]: [u32; 3]) -> String {
+    let RenderSettings { frame, resolution: [w, h], seed, .. } = lease.settings;
+    format!(
+        "a sample of scene {} is not finite and was left out; replay it by: tessera render SCENE --pixel {x},{y} \
+         --sample {sample} --frames {frame} --resolution {w}x{h} --seed {seed}, and the job's other options",
+        lease.scene
+    )
 }
 
 fn pack(result: &UnitResult) -> Result<Bytes, String> {

@@ -51,8 +51,8 @@ impl RowRender for UnitRender<'_> {
 /// How a unit ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
-    /// Rendered.
-    Done(Box<UnitResult>),
+    /// Rendered; with the column, row and number of the first sample that was not finite, if one was.
+    Done(Box<UnitResult>, Option<[u32; 3]>),
     /// The tracer panicked, with this message.
     Failed(String),
     /// Not rendered, because the worker leaves.
@@ -210,14 +210,17 @@ impl Progress {
             RETURNED => Outcome::Returned,
             CANCELLED => Outcome::Cancelled,
             _ => match (panic, rows.into_iter().collect::<Option<Vec<RowResult>>>()) {
-                (None, Some(rows)) => match guarded(|| unit.assemble(rows)) {
-                    Ok(mut result) => {
-                        let wall_seconds = began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-                        result.statistics = UnitStatistics { wall_seconds, ..result.statistics };
-                        Outcome::Done(Box::new(result))
+                (None, Some(rows)) => {
+                    let rejected = rows.iter().find_map(|row| row.first_rejected);
+                    match guarded(|| unit.assemble(rows)) {
+                        Ok(mut result) => {
+                            let wall_seconds = began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+                            result.statistics = UnitStatistics { wall_seconds, ..result.statistics };
+                            Outcome::Done(Box::new(result), rejected)
+                        }
+                        Err(panic) => Outcome::Failed(panic),
                     }
-                    Err(panic) => Outcome::Failed(panic),
-                },
+                }
                 (panic, _) => Outcome::Failed(panic.unwrap_or_else(|| "a row of the unit was lost".into())),
             },
         }
@@ -281,7 +284,7 @@ mod tests {
         for threads in [1, 2, 5] {
             let found = outcomes(threads, 40, |_| (), || Wish::GoOn);
             for tile in 0..2 {
-                let Outcome::Done(result) = &found[&tile] else { panic!("{found:?}") };
+                let Outcome::Done(result, _) = &found[&tile] else { panic!("{found:?}") };
                 let order: Vec<f64> = result.film.moments.iter().map(|m| m.mean[0]).collect();
                 assert_eq!(order, (0..40).map(f64::from).collect::<Vec<_>>());
             }
@@ -319,7 +322,7 @@ mod tests {
             let found = outcomes(1, 10, count, wish);
             match first {
                 Some(first) => assert_eq!(found[&0], first),
-                None => assert!(matches!(found[&0], Outcome::Done(_))),
+                None => assert!(matches!(found[&0], Outcome::Done(..))),
             }
             assert_eq!(found[&1], second);
             assert_eq!(rows.load(Ordering::Relaxed), rendered);

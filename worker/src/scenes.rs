@@ -157,12 +157,16 @@ impl Scenes {
 
     /// Log each warning once in the life of the worker, not once a frame.
     fn warn(&self, warnings: Vec<String>) {
-        let mut warned = self.warned.lock().unwrap_or_else(PoisonError::into_inner);
         for warning in warnings {
-            if warned.insert(warning.clone()) {
+            if self.is_news(&warning) {
                 tracing::warn!("{warning}");
             }
         }
+    }
+
+    /// Whether this was never asked before, of anything that is worth one line in the log and not a thousand.
+    pub fn is_news(&self, what: &str) -> bool {
+        self.warned.lock().unwrap_or_else(PoisonError::into_inner).insert(what.into())
     }
 }
 
