@@ -17,9 +17,9 @@ const MARGIN: f64 = 1.06;
 /// Where the lamp hangs, seen from the mesh: to the left of the camera and above.
 const LAMP: DVec3 = DVec3::new(-0.6, 1.0, 0.7);
 /// Irradiance that the lamp gives the middle of the mesh, on a surface that faces it.
-const LAMP_IRRADIANCE: f64 = 2.2;
+const LAMP_IRRADIANCE: f64 = 4.0;
 /// Radiance of the surroundings.
-const SKY: f64 = 0.3;
+const SKY: f64 = 0.12;
 
 /// A scene of one mesh file: a camera whose image holds all of it, and a lamp above with a dim sky, unless
 /// the file's materials emit light themselves. The scene's description says what was made up.
