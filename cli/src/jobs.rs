@@ -60,7 +60,10 @@ fn tell(args: &FarmArgs, job: &JobView) -> Result<(), Failure> {
         format!("status     {}", job.state),
         format!("done       {}", percent(job.progress)),
         format!("frames     {} of {w}x{h}", job.frames.len()),
-        format!("samples    {}at {}samples/s", si(job.samples as f64), si(job.samples_per_second)),
+        match job.samples_per_second {
+            rate if rate >= 1.0 => format!("samples    {} at {}samples/s", si(job.samples as f64).trim_end(), si(rate)),
+            _ => format!("samples    {}", si(job.samples as f64).trim_end()),
+        },
         format!("processor  {} by {} workers", duration(s.cpu_seconds), s.workers),
     ];
     lines.extend(job.message.as_ref().map(|message| format!("message    {message}")));
