@@ -12,7 +12,10 @@
 //!   so slivers and triangles of any size give the same answer as fat ones.
 //! - The parameter is held against a bound of its error, as in Pharr, Jakob and Humphreys, "Physically
 //!   Based Rendering", 4th edition, 6.8.7, but only where the triangle reaches behind the origin:
-//!   elsewhere it is positive whatever its error, and refusing it would open a hole.
+//!   elsewhere it is positive whatever its error, and refusing it would open a hole. That bound grows with the
+//!   whole triangle (1e-5 of its size for rays at a slant), so what it cannot decide is not refused either: it
+//!   is computed again in `f64` from the corners themselves, whose bound is 1e-15 of the size. A surface met
+//!   at a hair's breadth is then told from the surface that a ray leaves.
 
 use glam::Vec3;
 
@@ -97,12 +100,18 @@ impl RayFrame {
         let z = corners.map(|p| p[kz] - oz);
         let x = std::array::from_fn(|i| (corners[i][kx] - ox) - sx * z[i]);
         let y = std::array::from_fn(|i| (corners[i][ky] - oy) - sy * z[i]);
-        self.decide(x, y, z)
+        self.decide(x, y, z, || corners)
     }
 
-    /// The exact part, on sheared `x`, `y` and moved `z`.
+    /// The exact part, on sheared `x`, `y` and moved `z`; `corners` are the ones they came from.
     #[inline(always)]
-    pub(super) fn decide(&self, x: [f32; 3], y: [f32; 3], z: [f32; 3]) -> Option<TriangleHit> {
+    pub(super) fn decide(
+        &self,
+        x: [f32; 3],
+        y: [f32; 3],
+        z: [f32; 3],
+        corners: impl FnOnce() -> [[f32; 3]; 3],
+    ) -> Option<TriangleHit> {
         let [x, y, z] = [x, y, z].map(|v| v.map(f64::from));
         // Products are exact, so each sign is that of the exact value.
         let e0 = x[1] * y[2] - y[1] * x[2];
@@ -120,13 +129,13 @@ impl RayFrame {
         let dz = f64::from(self.direction[2]);
         // The depth along z, times the determinant.
         let depth = e0 * z[0] + e1 * z[1] + e2 * z[2];
-        let t = (depth / (det * dz)) as f32;
-        if t.is_nan() || t <= 0.0 {
-            return None;
-        }
+        let mut t = (depth / (det * dz)) as f32;
         let (z_min, z_max) = (min3(z), max3(z));
         let ahead = if dz > 0.0 { z_min > 0.0 } else { z_max < 0.0 };
         if !ahead && depth.abs() <= self.depth_error(x, y, z_min, z_max, size) {
+            t = self.exact_parameter(corners())?;
+        }
+        if t.is_nan() || t <= 0.0 {
             return None;
         }
         let inverse = 1.0 / det;
@@ -144,6 +153,31 @@ impl RayFrame {
         let dy = G * (my + f64::from(self.shear[1]).abs() * mz);
         let edge = 2.0 * (dx * my + dy * mx + dx * dy);
         3.0 * edge * (z_max - z_min) + 2.0 * UNIT * mz * det
+    }
+
+    /// The parameter at which the ray meets the plane of a triangle, in `f64`; none where its sign is in doubt
+    /// even so. The corners are exact; every difference, product and sum below is rounded once.
+    #[inline(never)]
+    fn exact_parameter(&self, corners: [[f32; 3]; 3]) -> Option<f32> {
+        let permuted = corners.map(|p| self.axes.map(|k| f64::from(p[k])));
+        let [a, b, c] = permuted;
+        let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+        let (u, v, to) = (minus(b, a), minus(c, a), minus(a, self.origin.map(f64::from)));
+        let direction = self.direction.map(f64::from);
+        let (mut offset, mut speed, mut sizes) = (0.0, 0.0, [0.0; 2]);
+        for k in 0..3 {
+            let (i, j) = ([1, 2, 0][k], [2, 0, 1][k]);
+            let (p, q) = (u[i] * v[j], u[j] * v[i]);
+            let size = p.abs() + q.abs();
+            offset += (p - q) * to[k];
+            speed += (p - q) * direction[k];
+            sizes[0] += size * to[k].abs();
+            sizes[1] += size * direction[k].abs();
+        }
+        // Three roundings before a product, two of products, one of a difference, three of a sum: with room.
+        const ERROR: f64 = 8.0 * f64::EPSILON;
+        let sure = offset.abs() > ERROR * sizes[0] && speed.abs() > ERROR * sizes[1];
+        sure.then_some((offset / speed) as f32)
     }
 }
 

@@ -303,7 +303,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                         textbook::moeller_trumbore(ray.origin.into(), ray.direction.into(), pack.corners(lane))
                     } else {
                         let three = |k: usize| [moved[k], moved[k + 1], moved[k + 2]].map(|row| row.0[lane & 7]);
-                        frame.decide(three(0), three(3), three(6))
+                        frame.decide(three(0), three(3), three(6), || pack.corners(lane))
                     };
                     let Some(hit) = hit else { continue };
                     if nearest.offer(rank, pack.ids[lane & 7], hit.t, hit.b1, hit.b2) {
