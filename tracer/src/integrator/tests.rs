@@ -351,6 +351,46 @@ fn emission_that_varies_over_a_lamp_is_found_alike_by_all() {
 }
 
 #[test]
+fn a_masked_lamp_gives_light_where_it_is_not_cut_out() {
+    let lit = |opacity: Value, shape: Value| {
+        let mut lamp = shape;
+        lamp["material"] = json!("lamp");
+        scene(json!({
+            "camera": { "position": [0, 1, 4], "target": [0, 0.2, 0], "fov": 30 },
+            "materials": { "lamp": { "type": "diffuse", "reflectance": 0, "opacity": opacity } },
+            "shapes": [{ "type": "quad", "vertices": [[-2, 0, -2], [-2, 0, 2], [2, 0, 2], [2, 0, -2]] }, lamp]
+        }))
+    };
+    let squares = json!({ "type": "checkerboard", "color0": 1, "color1": 0, "uv": { "scale": [3, 2] } });
+    let quad = json!({ "type": "quad", "vertices": [[-1, 2, -1], [1, 2, -1], [1, 2, 1], [-1, 2, 1]], "emission": 5 });
+    let textured = json!({ "type": "checkerboard", "color0": [5, 0, 1], "color1": 2, "uv": { "scale": [5, 5] } });
+    let sphere =
+        json!({ "type": "sphere", "center": [0, 1.2, 0], "radius": 0.5, "emission": { "radiance": textured } });
+    let triangle = json!({ "type": "mesh", "positions": [[-1, 2, -1], [1, 2, -1], [0, 2, 1]],
+        "triangles": [[0, 1, 2]], "uvs": [[0, 0], [1, 0], [0.5, 1]], "emission": 5 });
+    for shape in [quad.clone(), sphere, triangle] {
+        let scene = lit(squares.clone(), shape);
+        // Rays that meet the lamp by chance know of its mask, and of nothing else.
+        let image = |direct| render(&scene, &with(|m| m.direct = direct), samples(1024), 16);
+        let reference = image(Direct::Hemisphere);
+        for direct in [Direct::Light, Direct::Mis] {
+            assert_agree(&image(direct), &reference, 4.5, direct.name());
+        }
+    }
+    // A quarter of a lamp gives a quarter of its light; what else it does is left out here.
+    for direct in [Direct::Light, Direct::Mis] {
+        let of = |opacity| {
+            let method = with(|m| (m.direct, m.only) = (direct, Some(Only::Direct)));
+            render(&lit(json!(opacity), quad.clone()), &method, samples(1024), 16).mean_and_error()
+        };
+        let ((whole, e1), (quarter, e2)) = (of(1.0), of(0.25));
+        let allowed = 4.5 * (e2 * e2 + e1 * e1 / 16.0).sqrt();
+        assert!((quarter - 0.25 * whole).abs() <= allowed, "{direct}: {quarter} of {whole}");
+        assert!(allowed < 0.03 * quarter, "{direct}: {allowed} is too coarse for {quarter}");
+    }
+}
+
+#[test]
 fn weights_stay_within_bounds_at_any_density() {
     let densities = [0.0, 1e-38, 1e-30, 1e-3, 1.0, 1e10, 1e30, f32::MAX];
     for a in densities {

@@ -475,7 +475,8 @@ impl<'a> Compiler<'a> {
     fn finish(mut self, resolution: [u32; 2]) -> Result<Draft, FieldError> {
         let deltas: Vec<DeltaLight> = self.scene.lights.iter().filter_map(DeltaLight::from_scene).collect();
         let environment = self.environment()?;
-        let emission_varies = self.surfaces.iter().any(|s| s.emission.is_some());
+        let masked = |s: &Surface| s.first_emitter != NO_EMITTER && self.materials[s.material as usize].has_opacity();
+        let emission_varies = self.surfaces.iter().any(|s| s.emission.is_some() || masked(s));
         let facts = &mut self.facts;
         facts.environment = environment.is_some();
         facts.area_lights = !self.areas.is_empty();

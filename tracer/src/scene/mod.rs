@@ -51,7 +51,7 @@ struct Parts {
     /// Of each instance: where its object's surfaces begin, and its linear maps.
     instances: Vec<Placement>,
     lights: Lights,
-    /// Of each emitter, its surface and primitive; empty where no emission varies over a surface.
+    /// Of each emitter, its surface and primitive; empty where no emission varies over a surface or is masked.
     emitters: Vec<(u32, u32)>,
     facts: Facts,
 }
@@ -192,7 +192,8 @@ impl Scene {
         }
     }
 
-    /// Radiance of a light sample; it differs from the light's own where emission varies over the surface.
+    /// Radiance of a light sample; it differs from the light's own where emission varies over the surface, and
+    /// where a mask lets only a share of the surface be there: a ray that hits it meets that share by chance.
     #[inline]
     #[must_use]
     pub fn sampled_radiance(&self, sample: &crate::light::LightSample) -> Rgb {
@@ -200,9 +201,12 @@ impl Scene {
             return sample.radiance;
         };
         let surface = &self.parts.surfaces[surface as usize];
-        match &surface.emission {
-            Some(texture) => texture.at(surface.emitter_uv(primitive, sample)),
-            None => sample.radiance,
+        let material = &self.parts.materials[surface.material as usize];
+        if surface.emission.is_none() && !material.has_opacity() {
+            return sample.radiance;
         }
+        let uv = surface.emitter_uv(primitive, sample);
+        let radiance = surface.emission.as_ref().map_or(sample.radiance, |texture| texture.at(uv));
+        if material.has_opacity() { radiance * material.opacity(uv) } else { radiance }
     }
 }
