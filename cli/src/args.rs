@@ -9,10 +9,10 @@ use clap::{
 };
 use common::{
     job::{Frames, JobId, JobState, MAX_SAMPLES, check_resolution},
-    method::{Adaptive, Direct, Fresnel, LightPick, LightSampling, Only, Sampler},
+    method::{Adaptive, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
 };
 
-use crate::stability::StabilityArgs;
+use crate::{soak::SoakArgs, stability::StabilityArgs};
 
 /// A render farm with its own path tracer.
 #[derive(Debug, Parser)]
@@ -54,6 +54,8 @@ pub enum Command {
     Scene(SceneCommand),
     /// Show each method at the place where it fails, the textbook form beside ours
     Stability(StabilityArgs),
+    /// Render a great many samples of everything, and find those that are not finite or below 0
+    Soak(SoakArgs),
 }
 
 /// What to do with a scene file.
@@ -275,6 +277,12 @@ pub struct JobOptions {
     /// Source of sample points
     #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(Sampler::ALL))]
     pub sampler: Option<Sampler>,
+    /// When paths end at random
+    #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(Roulette::ALL))]
+    pub roulette: Option<Roulette>,
+    /// Test of a ray against a triangle
+    #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(TriangleTest::ALL))]
+    pub triangle: Option<TriangleTest>,
     /// Rule for the number of samples
     #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(Adaptive::ALL))]
     pub adaptive: Option<Adaptive>,
@@ -369,6 +377,9 @@ mod tests {
         is("--only indirect", JobOptions { only: Some(Only::Indirect), ..none() });
         is("--fresnel schlick", JobOptions { fresnel: Some(Fresnel::Schlick), ..none() });
         is("--sampler stratified", JobOptions { sampler: Some(Sampler::Stratified), ..none() });
+        is("--roulette fixed", JobOptions { roulette: Some(Roulette::Fixed), ..none() });
+        let textbook = Some(TriangleTest::MoellerTrumbore);
+        is("--triangle moeller-trumbore", JobOptions { triangle: textbook, ..none() });
         is("--adaptive textbook", JobOptions { adaptive: Some(Adaptive::Textbook), ..none() });
         let textbook = JobOptions { adaptive_batch: Some(32), adaptive_tolerance: Some(0.05), ..none() };
         is("--adaptive-batch 32 --adaptive-tolerance 0.05", textbook);
@@ -397,6 +408,8 @@ mod tests {
             ("--only both", "direct, indirect"),
             ("--fresnel fast", "exact, schlick"),
             ("--sampler halton", "sobol, stratified, independent"),
+            ("--roulette russian", "throughput, fixed, off"),
+            ("--triangle woop", "watertight, moeller-trumbore"),
             ("--adaptive yes", "off, textbook, on"),
             ("--adaptive-batch 1", "2..=65536"),
             ("--adaptive-tolerance -1", "--adaptive-tolerance"),
@@ -430,6 +443,7 @@ mod tests {
             "scene convert a.obj b.json",
             "scene schema",
             "stability -o d --only roulette",
+            "soak --samples 1e9 --scenes scenes --scenes a.json --only glass --threads 2 --keep d --json",
         ] {
             let words = ["tessera"].into_iter().chain(line.split(' '));
             assert!(Cli::try_parse_from(words).is_ok(), "{line}");

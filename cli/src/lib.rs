@@ -18,6 +18,7 @@ mod request;
 mod scene;
 mod services;
 mod signals;
+mod soak;
 pub mod stability;
 mod submit;
 mod watch;
@@ -71,6 +72,7 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Workers(args) => jobs::workers(args).await,
         Command::Scene(command) => scene::scene(command),
         Command::Stability(args) => Ok(stability::command(args)?),
+        Command::Soak(args) => soak::command(args),
     }
 }
 

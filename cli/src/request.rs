@@ -97,10 +97,11 @@ fn method(options: &JobOptions) -> MethodChoices {
         only: options.only.map(Some),
         fresnel: options.fresnel,
         sampler: options.sampler,
+        triangle: options.triangle,
+        roulette: options.roulette,
         adaptive: options.adaptive.map(Some),
         adaptive_batch: options.adaptive_batch,
         adaptive_tolerance: options.adaptive_tolerance,
-        ..MethodChoices::default()
     }
 }
 

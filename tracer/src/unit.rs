@@ -20,6 +20,7 @@ use crate::{
     Assets,
     geometry::Counters,
     integrator::Integrator,
+    math::Rgb,
     sampler::Sampler,
     scene::{Draft, Facts, Scene},
 };
@@ -75,6 +76,25 @@ impl Prepared {
     #[must_use]
     pub fn sample(&self, settings: &RenderSettings, pixel: [u32; 2], sample: u32) -> Replay {
         Replay::of(&Integrator::new(&self.0, &settings.method), &sampler(settings), pixel, sample)
+    }
+
+    /// Render `samples` of each pixel of `row`, and give `visit` the column, the number of the sample and its
+    /// radiance: the same bits as in an image, but each by itself and none thrown away.
+    pub fn samples(
+        &self,
+        settings: &RenderSettings,
+        row: u32,
+        samples: std::ops::Range<u32>,
+        mut visit: impl FnMut(u32, u32, Rgb),
+    ) {
+        let (integrator, sampler) = (Integrator::new(&self.0, &settings.method), sampler(settings));
+        let mut counters = Counters::default();
+        for column in 0..settings.resolution[0] {
+            for number in samples.clone() {
+                let stream = sampler.stream(column, row, number);
+                visit(column, number, integrator.sample(column, row, &stream, &mut counters).radiance);
+            }
+        }
     }
 }
 
