@@ -3,15 +3,13 @@
 use std::path::Path;
 
 use common::{
+    adaptive::FRAME_SHARE,
     job::{JobId, JobState, Quality},
     protocol::JobView,
 };
 use serde::Serialize;
 
 use crate::progress::{duration, percent, si};
-
-/// Share of the pixels that must be within a noise target.
-const DONE_SHARE: f64 = 0.99;
 
 /// The report of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,8 +36,13 @@ pub struct Report {
     pub seconds: Seconds,
     /// Processor seconds of all workers.
     pub cpu_seconds: f64,
-    /// Relative error that 99% of the measured pixels keep to; absent where it cannot be told.
+    /// Relative error that `error_share` of the pixels keep to: half-width of the stopping rule's interval over
+    /// the luminance, or over 0.01 where that is larger. Absent where it cannot be told.
     pub error: Option<f64>,
+    /// Share of the pixels that keep to `error`, and must keep a noise target for it to be met.
+    pub error_share: f64,
+    /// Pixels whose interval is wider than the noise target; absent without one.
+    pub pixels_missed: Option<u64>,
     /// Whether the target was met; a noise target may be missed at the most samples allowed.
     pub target_met: bool,
     /// Workers that handed in a result.
@@ -113,6 +116,8 @@ impl Report {
             },
             cpu_seconds: s.cpu_seconds,
             error: job.error,
+            error_share: FRAME_SHARE,
+            pixels_missed: job.frames.iter().map(|frame| frame.pixels_missed).sum(),
             target_met: target_met(job),
             workers: s.workers,
             attempts: s.retries,
@@ -131,10 +136,16 @@ impl Report {
             duration(self.seconds.wall)
         );
         if let Some(error) = self.error {
-            line += &format!(", error {}", percent(error));
+            line += &format!(", error {} in {:.0}% of pixels", percent(error), 100.0 * self.error_share);
         }
-        if !self.target_met {
-            line += ", which misses the target";
+        if let Quality::Noise { relative_error, .. } = self.quality {
+            let verb = if self.target_met { "met" } else { "missed" };
+            line += &format!(": target {} {verb}", percent(relative_error));
+        }
+        match self.pixels_missed {
+            Some(1) => line += ", 1 pixel misses it",
+            Some(missed) if missed > 0 => line += &format!(", {missed} pixels miss it"),
+            _ => {}
         }
         line
     }
@@ -144,7 +155,7 @@ fn target_met(job: &JobView) -> bool {
     job.state == JobState::Completed
         && match job.quality {
             Quality::Noise { .. } => {
-                job.frames.iter().all(|f| f.within_target.is_some_and(|share| share >= DONE_SHARE))
+                job.frames.iter().all(|f| f.within_target.is_some_and(|share| share >= FRAME_SHARE))
             }
             Quality::Samples { .. } | Quality::Time { .. } => true,
         }
@@ -169,6 +180,7 @@ pub(crate) mod tests {
             mean_samples: 20.0,
             max_samples: 64,
             within_target: Some(0.995),
+            pixels_missed: Some(1),
         };
         JobView {
             id: JobId(3),
@@ -212,7 +224,12 @@ pub(crate) mod tests {
         assert_eq!(report.samples, Samples { total: 4000, mean: 20.0, max: 128 });
         assert_eq!(report.tests_per_ray, Tests { nodes: 10.0, triangles: 2.0 });
         assert_eq!(report.seconds.render, 1.25);
-        assert!(report.line().starts_with("4.00 ksamples (20.0 a pixel, 128 at most) in 2.0 s, error 4.0%"));
+        assert_eq!(report.pixels_missed, Some(2));
+        assert_eq!(
+            report.line(),
+            "4.00 ksamples (20.0 a pixel, 128 at most) in 2.0 s, error 4.0% in 99% of pixels: target 10% met, \
+             2 pixels miss it"
+        );
     }
 
     #[test]

@@ -58,6 +58,9 @@ pub struct Verdict {
     pub half_width: f64,
     /// Half-width relative to max(luminance, [`FLOOR`]).
     pub relative: f64,
+    /// Standard error of its luminance, from the variance that the interval rests on; infinite where
+    /// nothing is known.
+    pub standard_error: f64,
     /// Whether it keeps the target.
     pub met: bool,
     /// Batches it should have after the next pass; its present number where it should get none.
@@ -105,34 +108,35 @@ impl Rule {
     /// fewer at the edges of the frame).
     #[must_use]
     pub fn judge<'a>(&self, own: &Moments, around: impl IntoIterator<Item = &'a Moments>) -> Verdict {
-        let half_width = self.half_width(own, around);
         let scale = own.luminance().abs().max(FLOOR);
         let allowed = self.relative_error * scale;
         if own.known {
-            return Verdict { half_width: 0.0, relative: 0.0, met: true, batches: own.batches, goal: own.batches };
+            let batches = own.batches;
+            return Verdict { half_width: 0.0, relative: 0.0, standard_error: 0.0, met: true, batches, goal: batches };
         }
+        let (half_width, standard_error) = self.half_width(own, around);
         let met = half_width <= allowed && half_width > 0.0;
         let wanted = if met {
             own.batches
         } else if half_width > 0.0 && half_width.is_finite() {
-            let ratio = half_width / allowed;
-            ceil_to_u32(f64::from(own.batches) * ratio * ratio * SLACK).max(own.batches.saturating_add(1))
+            predicted(own.batches, half_width / allowed)
         } else {
             u32::MAX
         };
         let grown = own.batches.saturating_mul(GROWTH).max(own.batches.saturating_add(1));
         let batches = wanted.min(grown).min(self.max_batches).max(own.batches);
-        let half_width = if half_width > 0.0 { half_width } else { f64::INFINITY };
+        let (half_width, standard_error) =
+            if half_width > 0.0 { (half_width, standard_error) } else { (f64::INFINITY, f64::INFINITY) };
         let goal = wanted.clamp(own.batches, self.max_batches.max(own.batches));
-        Verdict { half_width, relative: half_width / scale, met, batches, goal }
+        Verdict { half_width, relative: half_width / scale, standard_error, met, batches, goal }
     }
 
-    /// Half-width of the interval of the luminance: Student's quantile times the standard error from the
-    /// variance pooled over `around`, or from the pixel's own where that is significantly larger. 0 where
-    /// no batch differed from another, infinite below two batches.
-    fn half_width<'a>(&self, own: &Moments, around: impl IntoIterator<Item = &'a Moments>) -> f64 {
+    /// Half-width of the interval of the luminance, and the standard error: Student's quantile times the
+    /// standard error from the variance pooled over `around`, or from the pixel's own where that is
+    /// significantly larger. 0 where no batch differed from another, infinite below two batches.
+    fn half_width<'a>(&self, own: &Moments, around: impl IntoIterator<Item = &'a Moments>) -> (f64, f64) {
         if own.batches < 2 {
-            return f64::INFINITY;
+            return (f64::INFINITY, f64::INFINITY);
         }
         let (mut m2, mut dof) = (0.0, 0u64);
         for pixel in around {
@@ -144,13 +148,14 @@ impl Rule {
         let own_dof = u64::from(own.batches - 1);
         let own_variance = own.m2 / own_dof as f64;
         let pooled_variance = if dof == 0 { 0.0 } else { m2 / dof as f64 };
-        let width = |variance: f64, dof: u64| self.quantile(dof) * (variance / f64::from(own.samples)).sqrt();
-        let pooled = width(pooled_variance, dof);
+        let error = |variance: f64| (variance / f64::from(own.samples)).sqrt();
+        let pooled = self.quantile(dof) * error(pooled_variance);
         let significant = 1.0 + OWN_SIGNIFICANCE * (2.0 / own_dof as f64).sqrt();
         if own_variance > pooled_variance * significant {
-            pooled.max(OWN_WIDENING * width(own_variance, own_dof))
+            let alone = OWN_WIDENING * self.quantile(own_dof) * error(own_variance);
+            (pooled.max(alone), error(own_variance))
         } else {
-            pooled
+            (pooled, error(pooled_variance))
         }
     }
 
@@ -160,6 +165,13 @@ impl Rule {
             _ => student_quantile_near_normal(self.z, dof as f64),
         }
     }
+}
+
+/// Batches that bring an interval which is `ratio` times too wide, above 1, to its target; at least one more
+/// than `batches`.
+#[must_use]
+pub fn predicted(batches: u32, ratio: f64) -> u32 {
+    ceil_to_u32(f64::from(batches) * ratio * ratio * SLACK).max(batches.saturating_add(1))
 }
 
 fn ceil_to_u32(x: f64) -> u32 {

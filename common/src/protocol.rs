@@ -264,7 +264,8 @@ pub struct JobView {
     pub samples: u64,
     /// Samples per second over the last seconds.
     pub samples_per_second: f64,
-    /// Relative error that 99% of the measured pixels keep to so far; absent until it can be told.
+    /// Relative error that 99% of the measured pixels keep to so far: half-width of the stopping rule's
+    /// interval (at the target's confidence, else 95%) over the luminance. Absent until it can be told.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
     /// Seconds to the end, absent until it can be told.
@@ -341,6 +342,10 @@ pub struct FrameView {
     pub mean_samples: f64,
     /// Most samples of a pixel.
     pub max_samples: u32,
+    /// Measured pixels whose interval is wider than the target; absent without a noise target. The interval is
+    /// that of the stopping rule: over tile borders once the frame is done, by each tile alone before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixels_missed: Option<u64>,
     /// Share of pixels whose interval is within the target; absent without a noise target.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub within_target: Option<f64>,

@@ -11,24 +11,22 @@ use exr::{
     },
 };
 
-use super::{BadPicture, Raster, samples, standard_errors};
-use crate::plan::interval::Quantiles;
+use super::{BadPicture, Raster, samples, standard_errors, verdicts};
 
 /// Image, samples, errors and features.
 pub(super) fn layers(raster: &Raster) -> Result<Vec<u8>, BadPicture> {
     let moments = &raster.moments;
     let features = &raster.features;
     let mean = |channel: usize| moments.iter().map(|m| m.mean[channel] as f32).collect();
-    let mut quantiles = Quantiles::new(raster.confidence);
-    let intervals = moments.iter().map(|m| quantiles.half_width(m).map_or(f32::INFINITY, |half| half as f32)).collect();
+    let verdicts = verdicts(raster);
     let mut channels: Vec<(&str, Vec<f32>)> = vec![
         ("R", mean(0)),
         ("G", mean(1)),
         ("B", mean(2)),
         ("A", moments.iter().map(|m| if m.samples > 0 { 1.0 } else { 0.0 }).collect()),
         ("samples.Y", samples(raster)),
-        ("stderr.Y", standard_errors(raster)),
-        ("interval.Y", intervals),
+        ("stderr.Y", standard_errors(&verdicts)),
+        ("interval.Y", verdicts.iter().map(|verdict| verdict.half_width as f32).collect()),
         ("depth.Z", features.iter().map(|f| f.depth).collect()),
     ];
     for (i, name) in ["albedo.R", "albedo.G", "albedo.B"].into_iter().enumerate() {

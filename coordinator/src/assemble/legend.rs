@@ -2,7 +2,7 @@
 
 use image::ExtendedColorType;
 
-use super::{BadPicture, Raster, colour::viridis, font, png, standard_errors};
+use super::{BadPicture, Raster, colour::viridis, font, png, standard_errors, verdicts};
 
 const PAPER: [u8; 3] = [24, 24, 27];
 const INK: [u8; 3] = [235, 235, 235];
@@ -44,7 +44,7 @@ pub(super) fn samples(raster: &Raster) -> Result<Vec<u8>, BadPicture> {
 /// Standard error of each pixel's luminance; grey where it is not known. Three decades below the error that
 /// all but one pixel in a thousand keep to.
 pub(super) fn errors(raster: &Raster) -> Result<Vec<u8>, BadPicture> {
-    let values = standard_errors(raster);
+    let values = standard_errors(&verdicts(raster));
     let mut sorted: Vec<f32> = values.iter().copied().filter(|e| e.is_finite()).collect();
     sorted.sort_unstable_by(f32::total_cmp);
     let high = sorted.get(sorted.len().saturating_sub(1 + sorted.len() / 1000)).copied().unwrap_or(1.0);

@@ -9,9 +9,12 @@ mod legend;
 mod png;
 
 use common::{
+    adaptive::{self, Verdict},
     film::{Features, Film, Moments},
     tile::Rect,
 };
+
+use crate::plan::Field;
 
 /// A frame's pixels.
 #[derive(Debug, Clone)]
@@ -20,8 +23,8 @@ pub struct Raster {
     pub resolution: [u32; 2],
     /// The part that is rendered, in frame coordinates.
     pub region: Rect,
-    /// Confidence of the intervals, between 0 and 1.
-    pub confidence: f64,
+    /// What the intervals are shown by.
+    pub rule: adaptive::Rule,
     /// Moments of the region's pixels, in row order; no samples where nothing is rendered yet.
     pub moments: Vec<Moments>,
     /// Features of the region's pixels, in row order.
@@ -113,7 +116,7 @@ pub fn make(raster: &Raster, picture: Picture) -> Result<Vec<u8>, BadPicture> {
         Picture::SamplesPng => legend::samples(raster),
         Picture::SamplesExr => exr::single(raster, samples(raster)),
         Picture::ErrorPng => legend::errors(raster),
-        Picture::ErrorExr => exr::single(raster, standard_errors(raster)),
+        Picture::ErrorExr => exr::single(raster, standard_errors(&verdicts(raster))),
     }
 }
 
@@ -121,7 +124,13 @@ fn samples(raster: &Raster) -> Vec<f32> {
     raster.moments.iter().map(|m| m.samples as f32).collect()
 }
 
+/// What the stopping rule says of each pixel as it stands.
+fn verdicts(raster: &Raster) -> Vec<Verdict> {
+    let field = Field::new(raster.region, &raster.moments);
+    field.judge(&raster.rule, raster.region).map(|(_, verdict)| verdict).collect()
+}
+
 /// Standard error of each pixel's luminance; infinite where it is not known.
-fn standard_errors(raster: &Raster) -> Vec<f32> {
-    raster.moments.iter().map(|m| m.standard_error().map_or(f32::INFINITY, |error| error as f32)).collect()
+fn standard_errors(verdicts: &[Verdict]) -> Vec<f32> {
+    verdicts.iter().map(|verdict| verdict.standard_error as f32).collect()
 }

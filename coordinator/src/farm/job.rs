@@ -117,6 +117,8 @@ pub(super) struct Open {
     pub(super) unfinished: u32,
     /// Tiles whose next pass is being planned.
     pub(super) planning: u32,
+    /// Whether it is finished and being measured.
+    pub(super) measuring: bool,
     /// Sum over tiles of area x share done.
     pub(super) done: f64,
 }
@@ -256,6 +258,7 @@ impl Job {
             pending: BTreeSet::new(),
             unfinished: 0,
             planning: 0,
+            measuring: false,
             done: 0.0,
         };
         for (index, rect) in (0..count).filter_map(|i| spec.grid.rect(i).map(|rect| (i, rect))) {
@@ -271,7 +274,7 @@ impl Job {
         for tile in 0..count {
             self.plan_if_ready(number, tile, out);
         }
-        self.finish_frame_if_done(number, out);
+        self.measure_if_finished(number, out);
     }
 
     /// Ask for the plan of a tile's next pass, if nothing holds it back.
@@ -305,9 +308,20 @@ impl Job {
         }
     }
 
-    pub(super) fn finish_frame_if_done(&mut self, number: u32, out: &mut Vec<Effect>) {
+    /// Have a frame measured whose tiles are all finished.
+    pub(super) fn measure_if_finished(&mut self, number: u32, out: &mut Vec<Effect>) {
+        let id = self.spec.id;
+        let Some(open) = self.open_mut(number) else { return };
+        if open.unfinished == 0 && !open.measuring {
+            open.measuring = true;
+            out.push(Effect::Measure(id, number));
+        }
+    }
+
+    /// A finished frame has been measured: it is done, and with the last one the job.
+    pub(super) fn frame_measured(&mut self, number: u32, out: &mut Vec<Effect>) {
         let Some(index) = self.frame_index(number) else { return };
-        if !matches!(&self.frames[index].stage, Stage::Open(open) if open.unfinished == 0) {
+        if !matches!(&self.frames[index].stage, Stage::Open(open) if open.measuring) {
             return;
         }
         self.frames[index].stage = Stage::Done;

@@ -117,7 +117,7 @@ impl Farm {
             open.unfinished -= 1;
             out.push(Effect::TileFinished(key));
             job.plan_around(key.frame, key.tile, out);
-            job.finish_frame_if_done(key.frame, out);
+            job.measure_if_finished(key.frame, out);
             return;
         };
         let rect = tile.rect;
@@ -141,6 +141,12 @@ impl Farm {
         if complete {
             // All parts were stored before a restart, but not merged.
             self.merge(key, out);
+        }
+    }
+
+    pub(super) fn measured(&mut self, id: JobId, frame: u32, out: &mut Vec<Effect>) {
+        if let Some(job) = self.jobs.get_mut(&id) {
+            job.frame_measured(frame, out);
         }
     }
 

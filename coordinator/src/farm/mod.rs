@@ -230,6 +230,8 @@ pub enum Event {
         /// One sentence for people.
         message: String,
     },
+    /// The answer to [`Effect::Measure`].
+    Measured(JobId, u32),
     /// Time passes.
     Tick,
 }
@@ -261,6 +263,8 @@ pub enum Effect {
     Merge(Accepted),
     /// The tile is finished: no pass will follow under this target.
     TileFinished(TileKey),
+    /// All tiles of a frame are finished: measure what was reached, then [`Event::Measured`].
+    Measure(JobId, u32),
     /// A frame is done.
     FrameDone(JobId, u32),
     /// The job's state, message, tracer or priority changed.
@@ -408,6 +412,7 @@ impl Farm {
             Event::Failed { lease, worker, units, cause, message } => {
                 self.failed(lease, worker, &units, cause, &message, now, &mut out);
             }
+            Event::Measured(job, frame) => self.measured(job, frame, &mut out),
             Event::Tick => self.tick(now, &mut out),
         }
         if std::mem::take(&mut self.stirred) {

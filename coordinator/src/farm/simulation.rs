@@ -86,6 +86,7 @@ struct World {
     /// Workers that are alive; others will never be heard of again.
     alive: BTreeSet<WorkerId>,
     plans: Vec<(TileKey, u32)>,
+    measuring: Vec<(JobId, u32)>,
     saving: Vec<Accepted>,
     merging: Vec<Accepted>,
     /// Results handed in before, for handing in once more.
@@ -119,6 +120,7 @@ impl World {
             lots: BTreeMap::new(),
             alive: BTreeSet::new(),
             plans: Vec::new(),
+            measuring: Vec::new(),
             saving: Vec::new(),
             merging: Vec::new(),
             old: Vec::new(),
@@ -189,6 +191,13 @@ impl World {
                 }
                 Effect::Merge(accepted) => self.merging.push(accepted),
                 Effect::TileFinished(tile) => self.disk.entry(tile).or_default().finished = true,
+                Effect::Measure(job, frame) => {
+                    let spec = &self.specs[&job];
+                    let key = |tile| TileKey { job, frame, tile };
+                    let finished = |tile| self.disk.get(&key(tile)).is_some_and(|disk| disk.finished);
+                    assert!((0..spec.grid.count()).all(finished), "a frame is measured when its tiles are finished");
+                    self.measuring.push((job, frame));
+                }
                 Effect::FrameDone(job, frame) => {
                     assert!(self.done.insert((job, frame)), "frame {frame} of {job} was done twice");
                 }
@@ -270,7 +279,7 @@ impl World {
         self.epoch += 1;
         self.note_counters();
         self.farm = Farm::new(self.epoch);
-        (self.plans, self.saving, self.merging) = Default::default();
+        (self.plans, self.measuring, self.saving, self.merging) = Default::default();
         for id in self.alive.clone() {
             self.apply(Event::RestoreWorker(id, register(&format!("r{id}"), "v1"), WorkerHistory::default()));
         }
@@ -322,6 +331,10 @@ impl World {
                         }
                     }
                 }
+            }
+            2 if !self.measuring.is_empty() => {
+                let (job, frame) = self.measuring.swap_remove(0);
+                self.apply(Event::Measured(job, frame));
             }
             2 | 3 if !self.plans.is_empty() => {
                 let at = self.dice.below(self.plans.len());

@@ -28,7 +28,15 @@ impl Bench {
         let mut at = 0;
         while at < effects.len() {
             let plans: Vec<Plan> = effects[at..].iter().filter_map(|effect| self.plan(effect)).collect();
+            let measure = |effect: &Effect| match *effect {
+                Effect::Measure(job, frame) => Some(Event::Measured(job, frame)),
+                _ => None,
+            };
+            let measured: Vec<Event> = effects[at..].iter().filter_map(measure).collect();
             at = effects.len();
+            for event in measured {
+                effects.extend(self.farm.apply(event, self.now));
+            }
             if !plans.is_empty() {
                 effects.extend(self.farm.apply(Event::Planned(plans), self.now));
             }

@@ -3,18 +3,19 @@
 //! The farm asks once a pass, when the tile (and, for a rule that looks across borders, its neighbours)
 //! has finished the one before. A rule knows nothing of workers, leases, stores or clocks.
 
-pub mod interval;
+mod field;
 mod planned;
 
 use common::{
     adaptive,
-    film::Moments,
-    job::{FieldError, Quality},
+    job::{DEFAULT_CONFIDENCE, FieldError, Quality},
     method::{Adaptive, Method},
     pass::{self, Work},
     tile::Rect,
 };
 use serde::{Deserialize, Serialize};
+
+pub use field::{Field, Surroundings};
 
 /// How the passes of a job's tiles follow from its quality target and method.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -62,17 +63,6 @@ pub enum Step {
     },
     /// The tile is finished.
     Finished,
-}
-
-/// A tile and the ring of pixels around it, all exactly as of the end of one pass.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Surroundings {
-    /// The pixels covered: the tile grown by [`RING`] pixels and cut at the region's edge.
-    pub rect: Rect,
-    /// Their moments, in row order.
-    pub moments: Vec<Moments>,
-    /// For each, whether its tile is finished and so counts as having met the target.
-    pub finished: Vec<bool>,
 }
 
 /// Pixels that a rule may look across a tile's border.
@@ -141,6 +131,20 @@ impl Rule {
         }
     }
 
+    /// The rule that intervals are shown by, as far as they have been measured: the job's own where that has a
+    /// noise target, else one that any interval keeps to.
+    #[must_use]
+    pub fn shown(quality: &Quality) -> adaptive::Rule {
+        match *quality {
+            Quality::Noise { relative_error, confidence, max_samples } => {
+                adaptive::Rule::new(relative_error, confidence, max_samples, pass::BATCH)
+            }
+            Quality::Samples { .. } | Quality::Time { .. } => {
+                adaptive::Rule::new(f64::INFINITY, DEFAULT_CONFIDENCE, u32::MAX, pass::BATCH)
+            }
+        }
+    }
+
     /// Samples of a batch, part of the settings that units share.
     #[must_use]
     pub fn batch(&self) -> u32 {
@@ -193,7 +197,7 @@ impl Rule {
                         let samples = rule.pilot() * pass::BATCH;
                         Step::Render { work: Work::Uniform { first: 0, samples }, share: PILOT_SHARE }
                     }
-                    (_, Some(around)) => planned::next(&rule, rect, around),
+                    (_, Some(around)) => planned::next(&rule, rect, around.field()),
                     // Asked without the measurements it needs: nothing more can be said to be wanted.
                     (_, None) => Step::Finished,
                 }

@@ -5,18 +5,16 @@
 //! something new would make the picture depend on where tiles end, since a finished tile is not looked at
 //! again.
 
-use common::{adaptive::Rule, film::Moments, pass::Work, tile::Rect};
+use common::{adaptive::Rule, pass::Work, tile::Rect};
 
-use super::{Step, Surroundings};
+use super::{Field, Step};
 
 /// Plan the pass, or say that the tile is finished.
-pub(super) fn next(rule: &Rule, tile: Rect, around: &Surroundings) -> Step {
+pub(super) fn next(rule: &Rule, tile: Rect, around: Field<'_>) -> Step {
     let mut first = Vec::with_capacity(tile.area());
     let mut batches = Vec::with_capacity(tile.area());
     let (mut after, mut goal) = (0u64, 0u64);
-    for (x, y) in tile.pixels() {
-        let Some(own) = around.at(x, y) else { continue };
-        let verdict = rule.judge(own, around.touching(x, y));
+    for (own, verdict) in around.judge(rule, tile) {
         let wanted = if own.stopped { own.batches } else { verdict.batches };
         first.push(own.batches);
         batches.push(wanted.saturating_sub(own.batches));
@@ -30,28 +28,11 @@ pub(super) fn next(rule: &Rule, tile: Rect, around: &Surroundings) -> Step {
     Step::Render { work: Work::PerPixel { first, batches }, share }
 }
 
-impl Surroundings {
-    /// The pixel at these coordinates of the frame.
-    fn at(&self, x: u32, y: u32) -> Option<&Moments> {
-        let (column, row) = (x.checked_sub(self.rect.x)?, y.checked_sub(self.rect.y)?);
-        if column >= self.rect.w || row >= self.rect.h {
-            return None;
-        }
-        self.moments.get((row * self.rect.w + column) as usize)
-    }
-
-    /// The pixel and those that touch it, fewer at the edges of the region; in row order.
-    fn touching(&self, x: u32, y: u32) -> impl Iterator<Item = &Moments> {
-        let (left, top) = (x.saturating_sub(1), y.saturating_sub(1));
-        (top..=y + 1).flat_map(move |py| (left..=x + 1).filter_map(move |px| self.at(px, py)))
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use common::pass::BATCH;
+    use common::{film::Moments, pass::BATCH};
 
-    use super::*;
+    use super::{super::Surroundings, *};
 
     fn rule() -> Rule {
         Rule::new(0.05, 0.95, 1024, BATCH)
@@ -72,7 +53,7 @@ mod tests {
     fn field(w: u32, h: u32, of: impl Fn(u32, u32) -> Moments) -> Surroundings {
         let rect = Rect::frame(w, h);
         let moments = rect.pixels().map(|(x, y)| of(x, y)).collect();
-        Surroundings { rect, moments, finished: vec![false; rect.area()] }
+        Surroundings { rect, moments }
     }
 
     fn batches(step: Step) -> Vec<u32> {
@@ -89,8 +70,8 @@ mod tests {
     #[test]
     fn quiet_pixels_finish_and_noise_spreads_to_the_pixels_that_touch_it() {
         let tile = Rect::frame(5, 5);
-        assert_eq!(next(&rule(), tile, &field(5, 5, |_, _| quiet())), Step::Finished);
-        let step = next(&rule(), tile, &field(5, 5, |x, y| if (x, y) == (2, 2) { noisy() } else { quiet() }));
+        assert_eq!(next(&rule(), tile, field(5, 5, |_, _| quiet()).field()), Step::Finished);
+        let step = next(&rule(), tile, field(5, 5, |x, y| if (x, y) == (2, 2) { noisy() } else { quiet() }).field());
         let batches = batches(step);
         for (i, (x, y)) in tile.pixels().enumerate() {
             let touches = x.abs_diff(2) <= 1 && y.abs_diff(2) <= 1;
@@ -102,7 +83,7 @@ mod tests {
     fn the_plan_does_not_depend_on_where_tiles_end() {
         let of = |x: u32, y: u32| if (x * 7 + y * 3).is_multiple_of(5) { noisy() } else { quiet() };
         let whole = field(8, 8, of);
-        let all = batches(next(&rule(), Rect::frame(8, 8), &whole));
+        let all = batches(next(&rule(), Rect::frame(8, 8), whole.field()));
         for tile in [Rect { x: 0, y: 0, w: 4, h: 8 }, Rect { x: 4, y: 2, w: 4, h: 3 }] {
             // What the tile sees: itself and a ring of one pixel.
             let left = tile.x.saturating_sub(1);
@@ -110,16 +91,16 @@ mod tests {
             let seen =
                 Rect { x: left, y: top, w: (tile.x + tile.w + 1).min(8) - left, h: (tile.y + tile.h + 1).min(8) - top };
             let moments: Vec<Moments> = seen.pixels().map(|(x, y)| of(x, y)).collect();
-            let part = Surroundings { rect: seen, finished: vec![false; moments.len()], moments };
+            let part = Field::new(seen, &moments);
             let expected: Vec<u32> = tile.pixels().map(|(x, y)| all[(y * 8 + x) as usize]).collect();
-            assert_eq!(batches(next(&rule(), tile, &part)), expected);
+            assert_eq!(batches(next(&rule(), tile, part)), expected);
         }
     }
 
     #[test]
     fn what_has_stopped_stays_so() {
         let stopped = Moments { stopped: true, ..noisy() };
-        let step = next(&rule(), Rect::frame(3, 1), &field(3, 1, |x, _| if x == 1 { stopped } else { noisy() }));
+        let step = next(&rule(), Rect::frame(3, 1), field(3, 1, |x, _| if x == 1 { stopped } else { noisy() }).field());
         let batches = batches(step);
         assert!(batches[0] > 0 && batches[1] == 0 && batches[2] > 0);
     }
@@ -127,6 +108,6 @@ mod tests {
     #[test]
     fn the_cap_ends_a_tile() {
         let full = pixel(&[0.0, 9.0].repeat(32));
-        assert_eq!(next(&rule(), Rect::frame(2, 2), &field(2, 2, |_, _| full)), Step::Finished);
+        assert_eq!(next(&rule(), Rect::frame(2, 2), field(2, 2, |_, _| full).field()), Step::Finished);
     }
 }

@@ -16,7 +16,7 @@ pub struct TileFilm {
     /// How far it is and what it cost.
     pub record: TileRecord,
     /// Its pixels.
-    pub film: Film,
+    pub film: Arc<Film>,
 }
 
 /// A bounded cache. Only what is stored already is put in.
@@ -97,7 +97,7 @@ mod tests {
         let key = |tile| TileKey { job: JobId(1), frame: 1, tile };
         let film = |pixels| {
             let film = Film { moments: vec![Moments::default(); pixels], features: Vec::new() };
-            Arc::new(TileFilm { film, ..TileFilm::default() })
+            Arc::new(TileFilm { film: Arc::new(film), ..TileFilm::default() })
         };
         let cache = FilmCache::new(10 * size_of::<Moments>());
         (0..3).for_each(|tile| cache.put(key(tile), film(3)));

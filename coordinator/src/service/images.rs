@@ -7,12 +7,13 @@ use common::{
     job::JobId,
 };
 
-use super::{Service, lock, measure};
+use super::{Service, lock};
 use crate::{
     assemble::{self, Picture, Raster},
     bridge::blocking,
     error::Failure,
     farm::TileKey,
+    plan::Rule,
 };
 
 impl Service {
@@ -38,7 +39,7 @@ impl Service {
         let mut raster = Raster {
             resolution: record.resolution,
             region: record.region,
-            confidence: measure::confidence(&record.quality),
+            rule: Rule::shown(&record.quality),
             moments: vec![Moments::default(); record.region.area()],
             features: vec![Features::default(); record.region.area()],
         };

@@ -307,7 +307,7 @@ impl Service {
         let record = lock(&entry.record).clone();
         let measure = lock(&entry.measure);
         let region = record.region.area() as f64;
-        let noise = measure::target(&record.quality).is_some();
+        let target = measure::target(&record.quality);
         let frames = status
             .frames
             .iter()
@@ -319,8 +319,9 @@ impl Service {
                     done: frame.done,
                     mean_samples: measured.map_or(0.0, |m| m.samples as f64 / region),
                     max_samples: measured.map_or(0, |m| m.max_samples),
+                    pixels_missed: measured.filter(|_| target.is_some()).map(|m| m.pixels - m.within),
                     within_target: measured
-                        .filter(|m| noise && m.pixels > 0)
+                        .filter(|m| target.is_some() && m.pixels > 0)
                         .map(|m| m.within as f64 / m.pixels as f64),
                 }
             })
@@ -333,7 +334,7 @@ impl Service {
             progress: status.progress,
             samples: measure.work.samples,
             samples_per_second: status.samples_per_second,
-            error: measure.error(),
+            error: measure.error(target),
             eta_seconds: status.eta_seconds,
             frames,
             scene: record.scene,

@@ -3,13 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use common::{
-    film::Film,
+    adaptive::{self, FRAME_SHARE},
     job::{Quality, WorkerId},
     protocol::JobStatistics,
+    tile::Rect,
 };
 
 use crate::{
-    plan::interval::{self, Quantiles},
+    plan::Field,
     store::{TileRecord, TileSummary, WorkRecord},
 };
 
@@ -33,7 +34,7 @@ pub(super) struct FrameMeasure {
     pub(super) samples: u64,
     pub(super) max_samples: u32,
     pub(super) within: u64,
-    errors: BTreeMap<u8, u64>,
+    errors: BTreeMap<u16, u64>,
 }
 
 impl Measure {
@@ -65,21 +66,24 @@ impl Measure {
         statistics
     }
 
-    /// Relative half-width that 99% of the measured pixels keep to: the upper end of the class, 1.09 wide.
-    pub(super) fn error(&self) -> Option<f64> {
-        let mut errors: BTreeMap<u8, u64> = BTreeMap::new();
+    /// Relative half-width that [`FRAME_SHARE`] of the measured pixels keep to, at most 2.2% above the exact
+    /// quantile; a target that so many keep to is one. `None` where the intervals of more than the rest are
+    /// not known.
+    pub(super) fn error(&self, target: Option<f64>) -> Option<f64> {
+        let mut errors: BTreeMap<u16, u64> = BTreeMap::new();
         for (&class, &count) in self.frames.values().flat_map(|frame| &frame.errors) {
             *errors.entry(class).or_default() += count;
         }
+        let enough = |n: u64, all: u64| n as f64 >= FRAME_SHARE * all as f64;
         let all: u64 = errors.values().sum();
         let mut seen = 0;
-        for (class, count) in errors {
+        let (class, _) = errors.into_iter().find(|(_, count)| {
             seen += count;
-            if seen * 100 >= all * 99 {
-                return Some(class_end(class));
-            }
-        }
-        None
+            enough(seen, all)
+        })?;
+        let error = class_end(class)?;
+        let within = self.frames.values().map(|frame| frame.within).sum();
+        Some(target.filter(|_| enough(within, all)).map_or(error, |target| target.min(error)))
     }
 }
 
@@ -107,24 +111,21 @@ impl FrameMeasure {
     }
 }
 
-const CLASSES_PER_DOUBLING: f64 = 8.0;
-const CLASS_OF_ONE: f64 = 80.0;
+const CLASSES_PER_DOUBLING: f64 = 32.0;
+const CLASS_OF_ONE: f64 = 480.0;
+const UNKNOWN: u16 = 1023;
 
-fn class_of(error: f64) -> u8 {
-    let class = libm::floor(libm::log2(error) * CLASSES_PER_DOUBLING + CLASS_OF_ONE);
-    class.clamp(0.0, 255.0) as u8
-}
-
-fn class_end(class: u8) -> f64 {
-    libm::exp2((f64::from(class) + 1.0 - CLASS_OF_ONE) / CLASSES_PER_DOUBLING)
-}
-
-/// Confidence of a job's intervals.
-pub(super) fn confidence(quality: &Quality) -> f64 {
-    match quality {
-        Quality::Noise { confidence, .. } => *confidence,
-        Quality::Samples { .. } | Quality::Time { .. } => 0.95,
+fn class_of(error: f64) -> u16 {
+    if error.is_finite() {
+        let class = libm::floor(libm::log2(error) * CLASSES_PER_DOUBLING + CLASS_OF_ONE);
+        class.clamp(0.0, f64::from(UNKNOWN - 1)) as u16
+    } else {
+        UNKNOWN
     }
+}
+
+fn class_end(class: u16) -> Option<f64> {
+    (class < UNKNOWN).then(|| libm::exp2((f64::from(class) + 1.0 - CLASS_OF_ONE) / CLASSES_PER_DOUBLING))
 }
 
 /// The relative error a job asks for.
@@ -135,21 +136,17 @@ pub(super) fn target(quality: &Quality) -> Option<f64> {
     }
 }
 
-/// A film in short.
-pub(super) fn summarise(film: &Film, quality: &Quality) -> TileSummary {
-    let mut quantiles = Quantiles::new(confidence(quality));
-    let target = target(quality).unwrap_or(0.0);
+/// A tile of a field in short. Its pixels are judged as the stopping rule judges them: at the end with all
+/// that is known around the tile, before that by the tile alone.
+pub(super) fn summarise(rule: &adaptive::Rule, field: Field<'_>, tile: Rect) -> TileSummary {
     let mut summary = TileSummary::default();
-    let mut errors: BTreeMap<u8, u32> = BTreeMap::new();
-    for moments in &film.moments {
-        summary.pixels += u32::from(moments.samples > 0);
+    let mut errors: BTreeMap<u16, u32> = BTreeMap::new();
+    for (moments, verdict) in field.judge(rule, tile).filter(|(moments, _)| moments.samples > 0) {
+        summary.pixels += 1;
         summary.samples += u64::from(moments.samples);
         summary.max_samples = summary.max_samples.max(moments.samples);
-        if let Some(half_width) = quantiles.half_width(moments) {
-            let error = interval::relative(half_width, moments.luminance());
-            summary.within += u32::from(error <= target);
-            *errors.entry(class_of(error)).or_default() += 1;
-        }
+        summary.within += u32::from(verdict.met);
+        *errors.entry(class_of(verdict.relative)).or_default() += 1;
     }
     summary.errors = errors.into_iter().collect();
     summary
@@ -158,41 +155,73 @@ pub(super) fn summarise(film: &Film, quality: &Quality) -> TileSummary {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::Rule;
     use common::film::Moments;
 
-    fn record(passes: u32, samples: u32, deviation: f64) -> TileRecord {
-        let moments = (0..100)
-            .map(|i| Moments {
-                samples,
-                batches: 4,
-                mean: [1.0; 3],
-                m2: if i == 0 { 100.0 } else { deviation },
-                ..Moments::default()
-            })
-            .collect();
-        let summary = summarise(&Film { moments, features: Vec::new() }, &Quality::default());
-        TileRecord {
-            passes,
-            work: WorkRecord { samples: 100 * u64::from(samples), ..Default::default() },
-            summary,
-            ..Default::default()
+    fn pixels(count: usize, samples: u32, m2: f64) -> Vec<Moments> {
+        vec![Moments { samples, batches: samples / 16, mean: [1.0; 3], m2, ..Moments::default() }; count]
+    }
+
+    fn record(passes: u32, moments: &[Moments]) -> TileRecord {
+        let rect = Rect::frame(moments.len() as u32, 1);
+        let rule = Rule::shown(&Quality::default());
+        let summary = summarise(&rule, Field::new(rect, moments), rect);
+        let work = WorkRecord { samples: summary.samples, ..Default::default() };
+        TileRecord { passes, work, summary, ..Default::default() }
+    }
+
+    #[test]
+    fn a_tile_is_judged_with_the_variance_pooled_over_the_pixels_that_touch() {
+        let mut moments = pixels(3, 64, 0.1);
+        moments.push(Moments::default());
+        let summary = record(1, &moments).summary;
+        assert_eq!((summary.pixels, summary.samples, summary.max_samples, summary.within), (3, 192, 64, 3));
+        // Student's quantiles 2.26 and 2.45 for 9 and 6 degrees of freedom, a little widened, times
+        // sqrt(0.1 / (3 x 64)) = 0.0228. Each pixel alone would have 3.18, and 0.0726.
+        for (class, _) in summary.errors {
+            let end = class_end(class).unwrap();
+            assert!((0.051..0.060).contains(&end), "{end}");
         }
+        let strict = common::adaptive::Rule::new(0.054, 0.95, 4096, 16);
+        let rect = Rect::frame(4, 1);
+        assert_eq!(summarise(&strict, Field::new(rect, &moments), rect).within, 1, "the middle one alone");
+    }
+
+    #[test]
+    fn a_later_pass_takes_the_place_of_the_one_before() {
+        let mut measure = Measure::default();
+        let first = record(1, &pixels(100, 64, 0.1));
+        measure.replace(1, None, &first);
+        let second = record(2, &pixels(100, 256, 0.1));
+        measure.replace(1, Some(&first), &second);
+        let frame = &measure.frames[&1];
+        assert_eq!((frame.pixels, frame.samples, frame.max_samples, frame.within), (100, 25_600, 256, 100));
+        assert_eq!((frame.revision, measure.work.samples), (2, 25_600));
+        assert!(measure.error(None).unwrap() < 0.02);
     }
 
     #[test]
     fn the_error_is_what_99_percent_keep_to() {
         let mut measure = Measure::default();
-        assert_eq!(measure.error(), None);
-        let first = record(1, 64, 0.1);
-        measure.replace(1, None, &first);
-        // Half-width 3.182 sqrt(0.1 / (3 x 64)) = 0.0726 for 99 of the 100 pixels.
-        let error = measure.error().unwrap();
-        assert!((0.0726..0.0726 * 1.1).contains(&error), "{error}");
-        let second = record(2, 256, 0.1);
-        measure.replace(1, Some(&first), &second);
-        assert!((0.0363..0.0363 * 1.1).contains(&measure.error().unwrap()));
-        let frame = &measure.frames[&1];
-        assert_eq!((frame.pixels, frame.samples, frame.max_samples, frame.within), (100, 25_600, 256, 99));
-        assert_eq!((frame.revision, measure.work.samples), (2, 25_600));
+        assert_eq!(measure.error(None), None);
+        let of = |low: u32, high: u32, unknown: u32| TileRecord {
+            summary: TileSummary {
+                pixels: low + high + unknown,
+                within: low,
+                errors: vec![(class_of(0.05), low), (class_of(3.0), high), (class_of(f64::INFINITY), unknown)],
+                ..Default::default()
+            },
+            ..Default::default()
+        };
+        let [few, more, unknown] = [of(990, 10, 0), of(989, 11, 0), of(989, 0, 11)];
+        measure.replace(1, None, &few);
+        let error = measure.error(None).unwrap();
+        assert!((0.05..0.05 * 1.022).contains(&error), "{error}");
+        assert_eq!(measure.error(Some(0.0501)), Some(0.0501), "a bound that 99% keep to");
+        measure.replace(1, Some(&few), &more);
+        let error = measure.error(Some(0.0501)).unwrap();
+        assert!((3.0..3.0 * 1.022).contains(&error), "{error}");
+        measure.replace(1, Some(&more), &unknown);
+        assert_eq!(measure.error(None), None, "where more than 1% are unknown, nothing can be said");
     }
 }

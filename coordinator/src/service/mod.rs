@@ -4,6 +4,7 @@
 //! business, which samples come next is the plan's.
 
 pub mod films;
+mod frames;
 pub mod images;
 mod jobs;
 mod measure;
@@ -246,6 +247,9 @@ impl Service {
                     Effect::Grant(ask, grant) => events.extend(self.deliver(ask, grant, &farm)),
                     Effect::Merge(accepted) => {
                         tokio::spawn(Arc::clone(self).merge_parts(accepted));
+                    }
+                    Effect::Measure(job, frame) => {
+                        tokio::spawn(Arc::clone(self).measure_frame(job, frame));
                     }
                     Effect::TileFinished(key) => self.tile_finished(key),
                     Effect::FrameDone(job, _) => self.job_changed(job, &farm, true),

@@ -18,7 +18,7 @@ use crate::{
     bridge::blocking,
     error::Failure,
     farm::{Accepted, Effect, Event, TileKey, Wanted},
-    plan::{RING, Surroundings},
+    plan::{Field, RING, Rule, Surroundings},
     store::{StoreError, TileRecord, Write, film},
 };
 
@@ -185,13 +185,13 @@ impl Service {
                 None => film,
                 Some(before) => merge(&before.film, &film),
             };
-            record.summary = measure::summarise(&film, &quality);
+            record.summary = measure::summarise(&Rule::shown(&quality), Field::new(rect, &film.moments), rect);
             let ring = match &before {
                 Some(before) if keep_ring => Some(film::encode(&border(rect, &before.film))?),
                 _ => None,
             };
             let bytes = film::encode(&film)?;
-            Ok::<_, StoreError>((TileFilm { record, film }, bytes, ring))
+            Ok::<_, StoreError>((TileFilm { record, film: Arc::new(film) }, bytes, ring))
         })
         .await??;
         let write = Write::Tile {
@@ -217,7 +217,7 @@ impl Service {
         let Some(rect) = lock(&entry.record).grid().rect(key.tile) else { return Ok(None) };
         let Some(stored) = self.store.film(key).await? else { return Ok(None) };
         let film = blocking("reading a film", move || film::decode(&stored.film, rect.area())).await??;
-        let film = Arc::new(TileFilm { record: stored.record, film });
+        let film = Arc::new(TileFilm { record: stored.record, film: Arc::new(film) });
         self.films.put(key, Arc::clone(&film));
         Ok(Some(film))
     }
@@ -246,17 +246,10 @@ impl Service {
         let grid = lock(&entry.record).grid();
         let Some(rect) = grid.rect(tile.tile) else { return Ok(None) };
         let wide = grow(rect, grid.region());
-        let mut around = Surroundings {
-            rect: wide,
-            moments: vec![Default::default(); wide.area()],
-            finished: vec![false; wide.area()],
-        };
+        let mut around = Surroundings { rect: wide, moments: vec![Default::default(); wide.area()] };
         for index in grid.neighbours(tile.tile).into_iter().chain([tile.tile]) {
             let (key, Some(there)) = (TileKey { tile: index, ..tile }, grid.rect(index)) else { continue };
             let Some(stored) = self.store.film(key).await? else { continue };
-            // One that will take part in no further pass has met the target; whether one that stands where we
-            // stand goes on is not known yet, and must not depend on who was planned first.
-            let finished = stored.record.passes < pass;
             let film = if stored.record.passes > pass {
                 // It is one pass further: its border, as it was, is kept for us.
                 let ring = stored.ring.ok_or_else(|| StoreError::Damaged(format!("the ring of {key:?}")))?;
@@ -268,7 +261,6 @@ impl Service {
                 if wide.contains(&Rect { x, y, w: 1, h: 1 }) {
                     let at = ((y - wide.y) * wide.w + (x - wide.x)) as usize;
                     around.moments[at] = moments;
-                    around.finished[at] = finished;
                 }
             }
         }
@@ -444,7 +436,7 @@ mod tests {
         for (i, (x, y)) in around.rect.pixels().enumerate() {
             let ended = x / 8 == 1 && y / 8 == 2;
             let expected = if ended { 1 } else { 2 };
-            assert_eq!((around.moments[i].samples, around.finished[i]), (expected, ended), "at {x},{y}");
+            assert_eq!(around.moments[i].samples, expected, "at {x},{y}");
             assert_eq!(around.moments[i].mean, [f64::from(x), f64::from(y), 0.5]);
         }
         let (_, corner) = service.surroundings(key(0), 2).await.unwrap().unwrap();

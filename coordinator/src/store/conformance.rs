@@ -83,6 +83,11 @@ async fn conforms<S: Store>(store: S, reopen: impl AsyncFn(S) -> S) {
     store.write(Write::Finished(a)).await.unwrap();
     let tiles = store.tiles(JobId(1)).await.unwrap();
     assert_eq!((tiles[0].record.finished, tiles[0].record.share, tiles[1].record.finished), (true, 1.0, false));
+    let summary = TileSummary { pixels: 7, errors: vec![(480, 7)], ..TileSummary::default() };
+    store.write(Write::Summaries(vec![(a, summary.clone()), (key(9, 1, 0), summary.clone())])).await.unwrap();
+    let tiles = store.tiles(JobId(1)).await.unwrap();
+    assert_eq!(keys(&tiles), [a, key(1, 1, 3), key(1, 2, 0)], "an unknown tile is not made");
+    assert_eq!((&tiles[0].record.summary, tiles[0].record.finished), (&summary, true));
     store.write(Write::Reopen(JobId(1))).await.unwrap();
     assert!(!store.tiles(JobId(1)).await.unwrap()[0].record.finished);
 

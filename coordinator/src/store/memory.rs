@@ -63,6 +63,13 @@ impl Held {
                     (held.record.finished, held.record.share) = (true, 1.0);
                 }
             }
+            Write::Summaries(summaries) => {
+                for (key, summary) in summaries {
+                    if let Some(held) = self.tiles.get_mut(&key) {
+                        held.record.summary = summary;
+                    }
+                }
+            }
             Write::Reopen(id) => {
                 let tiles = self.tiles.iter_mut().filter(|(key, _)| key.job == id);
                 tiles.for_each(|(_, held)| held.record.finished = false);

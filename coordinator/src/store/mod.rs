@@ -60,6 +60,8 @@ pub enum Write {
     },
     /// The rule said that a tile is finished.
     Finished(TileKey),
+    /// The tiles of a finished frame in short, in place of what their records say.
+    Summaries(Vec<(TileKey, TileSummary)>),
     /// A finer target: no tile of the job is finished any more.
     Reopen(JobId),
     /// A part of a pass, as it was sent. Ignored when its job is gone.
@@ -87,6 +89,7 @@ impl Write {
         match self {
             Write::Tile { film, ring, .. } => film.len() + ring.as_ref().map_or(0, Bytes::len),
             Write::Part { result, .. } => result.len(),
+            Write::Summaries(summaries) => 512 * summaries.len(),
             _ => 256,
         }
     }

@@ -151,8 +151,8 @@ pub struct TileSummary {
     /// Pixels whose interval is within the job's noise target.
     pub within: u32,
     /// Number of pixels by relative half-width of their interval: class k, at least 0, holds those from
-    /// 2^((k-80)/8) on, the first also what is smaller. Pixels without an interval are in none.
-    pub errors: Vec<(u8, u32)>,
+    /// 2^((k-480)/32) on, the first also what is smaller. Class 1023 holds those whose interval is not known.
+    pub errors: Vec<(u16, u32)>,
 }
 
 /// What is remembered of a worker.

@@ -178,6 +178,18 @@ async fn apply(db: &mut SqliteConnection, write: &Write) -> Result<(), StoreErro
                 .execute(db)
                 .await?;
         }
+        Write::Summaries(summaries) => {
+            for (key, summary) in summaries {
+                let (job, frame, tile) = columns(key);
+                sqlx::query("UPDATE tiles SET record = json_set(record, '$.summary', json(?)) WHERE job = ? AND frame = ? AND tile = ?")
+                    .bind(json(summary)?)
+                    .bind(job)
+                    .bind(frame)
+                    .bind(tile)
+                    .execute(&mut *db)
+                    .await?;
+            }
+        }
         Write::Reopen(job) => {
             sqlx::query("UPDATE tiles SET record = json_set(record, '$.finished', json('false')) WHERE job = ?")
                 .bind(job.0 as i64)
