@@ -4,9 +4,13 @@
 use common::{job::Quality, method::MethodChoices, scene::SceneFile};
 use tessera_tests::direct::{render, scene};
 
-/// Render a scene and compare: the mean of the image within `relative` of what its file expects, and every
-/// pixel within 6 of its own standard errors where the file speaks of every pixel.
-fn check(name: &str, samples: u32, relative: f64) {
+/// What the mean of an image may be off, of what its file expects. Standard errors are at most a quarter of it, so
+/// that a renderer that is right passes and one that is wrong by half as much again does not.
+const RELATIVE: f64 = 0.001;
+
+/// Render a scene and compare: the mean of the image within [`RELATIVE`] of what its file expects and within 4.5
+/// standard errors, and every pixel within 6 of its own where the file speaks of every pixel.
+fn check(name: &str, samples: u32) {
     let path = format!("analytic/{name}.json");
     let scene = scene(&path);
     let (_, answer) = scene.description.split_once("Expected: ").expect("an analytic scene says what is expected");
@@ -20,8 +24,8 @@ fn check(name: &str, samples: u32, relative: f64) {
     let variance: f64 = picture.moments.iter().filter_map(|pixel| pixel.variance_of_mean()).sum();
     let error = variance.sqrt() / pixels;
     let off = (mean - expected).abs();
-    assert!(off <= relative * expected, "{name}: {mean} +- {error} at {samples} samples, expected {expected}");
-    assert!(4.0 * error <= relative * expected, "{name}: {samples} samples are too few for a bound of {relative}");
+    assert!(off <= RELATIVE * expected, "{name}: {mean} +- {error} at {samples} samples, expected {expected}");
+    assert!(4.0 * error <= RELATIVE * expected, "{name}: {error}: {samples} samples are too few");
     assert!(off <= 4.5 * error + 1e-6 * expected, "{name}: {mean} is {} standard errors off", off / error);
     if place.starts_with("in every pixel") {
         for (i, pixel) in picture.moments.iter().enumerate() {
@@ -34,36 +38,37 @@ fn check(name: &str, samples: u32, relative: f64) {
 
 #[test]
 fn furnaces() {
-    check("furnace-box", 1024, 0.002);
-    check("furnace-sphere", 1024, 0.005);
-    check("furnace-truncated", 1024, 0.001);
+    check("furnace-box", 4096);
+    // Roulette ends these paths at any length: their sum has the spread of a geometric distribution.
+    check("furnace-sphere", 20_480);
+    check("furnace-truncated", 1024);
 }
 
 #[test]
 fn a_white_body_in_white_surroundings_cannot_be_seen() {
-    check("white-furnace", 256, 1e-5);
+    check("white-furnace", 256);
 }
 
 #[test]
 fn a_sphere_light_over_a_plane() {
-    check("sphere-light", 16_384, 0.005);
+    check("sphere-light", 4096);
 }
 
 #[test]
 fn lamberts_polygon_in_full_view_and_behind_a_half_plane() {
-    check("polygon-light", 16_384, 0.001);
-    check("half-plane", 16_384, 0.001);
+    check("polygon-light", 8192);
+    check("half-plane", 16_384);
 }
 
 #[test]
 fn form_factors_of_a_cube() {
-    check("cube-opposite", 1024, 0.001);
-    check("cube-adjacent", 4096, 0.002);
+    check("cube-opposite", 1024);
+    check("cube-adjacent", 4096);
 }
 
 #[test]
 fn without_light_there_is_no_light() {
-    check("black", 64, 0.0);
+    check("black", 64);
 }
 
 /// What the files ask for is what a user gets by rendering them: enough for the value to be recognised.

@@ -201,7 +201,7 @@ fn facets_reflect_as_their_density_says() {
             }
         }
     }
-    compare(comparisons, 25_000, |sample| !sample.transmission, |wo, wi| wo.z * wi.z > 0.0);
+    compare(comparisons, 100_000, |sample| !sample.transmission, |wo, wi| wo.z * wi.z > 0.0);
 }
 
 #[test]
