@@ -4,13 +4,18 @@ use std::path::Path;
 
 use common::{
     film::Moments,
+    mesh::{Encoding, Picture},
     method::{Direct, LightPick, LightSampling, Method, Only, Roulette, Sampler},
     pass::{Work, batch_for},
     scene::SceneFile,
+    tile::Rect,
 };
 use serde_json::{Value, json};
 
-use crate::testing::{Image, render};
+use crate::{
+    Assets, Loaded,
+    testing::{Image, render, render_rect, settings},
+};
 
 /// The scene of `json` with an 8 x 8 image unless it says otherwise.
 fn scene(mut json: Value) -> SceneFile {
@@ -427,4 +432,38 @@ fn pixels_that_see_nothing_but_the_void_or_a_black_lamp_are_known() {
     let (void, lamp) = (of(&|pixel| pixel.mean == [0.0; 3]), of(&|pixel| pixel.mean == [3.0; 3]));
     assert!(void > 500 && lamp > 30, "{void} {lamp}");
     assert_eq!(void + lamp, of(&|_| true), "an edge, or a surface that scatters, is never known");
+}
+
+/// With multiple importance sampling the picture's mean is left to BSDF sampling; light sampling alone must find it all.
+#[test]
+fn every_estimator_finds_the_light_of_a_picture() {
+    let (width, height) = (16u32, 8u32);
+    let sky = |i: u32| match i {
+        20 => [90.0, 80.0, 60.0, 1.0],
+        i if i < width * height / 2 => [0.4, 0.6, 1.0, 1.0],
+        _ => [0.1, 0.05, 0.0, 1.0],
+    };
+    let pixels = (0..width * height).map(sky).collect();
+    let picture = Picture { width, height, pixels, encoding: Encoding::Linear };
+    let assets = Assets { pictures: [("sky.exr".to_owned(), picture)].into(), ..Assets::default() };
+    let scene = scene(json!({
+        "camera": { "position": [0, 1, 4], "target": [0, 0.4, 0], "fov": 35 },
+        "materials": { "metal": { "type": "conductor", "metal": "Cu", "roughness": 0.3 },
+                       "frosted": { "type": "dielectric", "roughness": 0.4 } },
+        "shapes": [
+            { "type": "quad", "vertices": [[-2, 0, -2], [-2, 0, 2], [2, 0, 2], [2, 0, -2]] },
+            { "type": "sphere", "center": [-0.5, 0.5, 0], "radius": 0.5, "material": "metal" },
+            { "type": "sphere", "center": [0.6, 0.4, 0.3], "radius": 0.4, "material": "frosted" }
+        ],
+        "environment": { "type": "image", "file": "sky.exr" }
+    }));
+    let image = |direct| {
+        let method = with(|m| m.direct = direct);
+        let prepared = Loaded::new(&scene, &assets, &method, [8, 8]).unwrap().build();
+        render_rect(&prepared, &settings(&scene, &method, 16), Rect::frame(8, 8), samples(1024))
+    };
+    let reference = image(Direct::Auto);
+    for direct in [Direct::Hemisphere, Direct::Light, Direct::Mis] {
+        assert_agree(&image(direct), &reference, 4.5, direct.name());
+    }
 }

@@ -467,7 +467,8 @@ impl<'a> Compiler<'a> {
                 let (w, h) = (picture.width as usize, picture.height as usize);
                 let made = ImageEnvironment::new(w, h, linear(picture), rgb(image.scale), &image.transform.affine());
                 let made = made.ok_or_else(|| error(format!("\"{file}\" has no pixels")))?;
-                Ok(Some(Environment::Image(Box::new(made))))
+                let compensated = matches!(self.method.direct, Direct::Mis | Direct::Auto);
+                Ok(Some(Environment::Image(Box::new(if compensated { made.compensated() } else { made }))))
             }
         }
     }
