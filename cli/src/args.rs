@@ -9,7 +9,7 @@ use clap::{
 };
 use common::{
     job::{Frames, JobId, JobState, MAX_SAMPLES, check_resolution},
-    method::{Adaptive, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
+    method::{Adaptive, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
 };
 
 use crate::{soak::SoakArgs, stability::StabilityArgs};
@@ -283,6 +283,9 @@ pub struct JobOptions {
     /// Test of a ray against a triangle
     #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(TriangleTest::ALL))]
     pub triangle: Option<TriangleTest>,
+    /// How the tree over the surfaces is split; the picture stays the same
+    #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(Bvh::ALL))]
+    pub bvh: Option<Bvh>,
     /// Rule for the number of samples
     #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(Adaptive::ALL))]
     pub adaptive: Option<Adaptive>,
@@ -380,6 +383,7 @@ mod tests {
         is("--roulette fixed", JobOptions { roulette: Some(Roulette::Fixed), ..none() });
         let textbook = Some(TriangleTest::MoellerTrumbore);
         is("--triangle moeller-trumbore", JobOptions { triangle: textbook, ..none() });
+        is("--bvh midpoint", JobOptions { bvh: Some(Bvh::Midpoint), ..none() });
         is("--adaptive textbook", JobOptions { adaptive: Some(Adaptive::Textbook), ..none() });
         let textbook = JobOptions { adaptive_batch: Some(32), adaptive_tolerance: Some(0.05), ..none() };
         is("--adaptive-batch 32 --adaptive-tolerance 0.05", textbook);
@@ -410,6 +414,7 @@ mod tests {
             ("--sampler halton", "sobol, stratified, independent"),
             ("--roulette russian", "throughput, fixed, off"),
             ("--triangle woop", "watertight, moeller-trumbore"),
+            ("--bvh none", "sah, mean-centroid, midpoint"),
             ("--adaptive yes", "off, textbook, on"),
             ("--adaptive-batch 1", "2..=65536"),
             ("--adaptive-tolerance -1", "--adaptive-tolerance"),

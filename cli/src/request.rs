@@ -98,6 +98,7 @@ fn method(options: &JobOptions) -> MethodChoices {
         fresnel: options.fresnel,
         sampler: options.sampler,
         triangle: options.triangle,
+        bvh: options.bvh,
         roulette: options.roulette,
         adaptive: options.adaptive.map(Some),
         adaptive_batch: options.adaptive_batch,

@@ -122,6 +122,18 @@ choice!(
 );
 
 choice!(
+    /// How the tree over the scene's surfaces is split; no picture depends on it.
+    Bvh {
+        /// Binned surface area heuristic.
+        Sah = "sah",
+        /// At the mean of the centroids along the longest axis; the textbook form.
+        MeanCentroid = "mean-centroid",
+        /// In the middle of the box, on the axis where count times area is least; another textbook form.
+        Midpoint = "midpoint",
+    }
+);
+
+choice!(
     /// When paths end at random.
     Roulette {
         /// By throughput times eta^2, after the third bounce.
@@ -151,8 +163,9 @@ pub const FIXED_ROULETTE_SURVIVAL: f32 = 0.7;
 macro_rules! method {
     ($($(#[$doc:meta])* $field:ident : $ty:ty = $default:expr),+ $(,)?) => {
         /// A complete method: every choice made. `Default` gives Tessera's own.
+        /// A choice that a record of an older build lacks is the default.
         #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-        #[serde(deny_unknown_fields)]
+        #[serde(deny_unknown_fields, default)]
         pub struct Method { $($(#[$doc])* pub $field: $ty),+ }
 
         impl Default for Method {
@@ -204,6 +217,8 @@ method! {
     sampler: Sampler = Sampler::Sobol,
     /// Ray/triangle test.
     triangle: TriangleTest = TriangleTest::Watertight,
+    /// How the tree over the surfaces is split.
+    bvh: Bvh = Bvh::Sah,
     /// When paths end at random.
     roulette: Roulette = Roulette::Throughput,
     /// Rule for the number of samples; `None`: the quality target decides.

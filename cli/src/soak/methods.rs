@@ -1,6 +1,6 @@
 //! The methods a soak takes each scene through: every value of every choice, in changing company.
 
-use common::method::{Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest};
+use common::method::{Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest};
 
 use crate::args::JobOptions;
 
@@ -27,6 +27,7 @@ pub fn method(scene: usize, i: usize) -> JobOptions {
         sampler: Some(of(Sampler::ALL, i / 4 + scene)),
         roulette: Some(of(Roulette::ALL, i / 3 + scene / 2)),
         triangle: Some(of(TriangleTest::ALL, usize::from(i % 6 == 5))),
+        bvh: Some(of(Bvh::ALL, i / 4 + i)),
         max_depth: Some(DEPTHS[(i / 4 + i + scene) % DEPTHS.len()]),
         only: only[(i / 2 + scene) % only.len()],
         seed: Some(i as u64),
@@ -52,5 +53,6 @@ pub fn words(options: &JobOptions) -> String {
     add("sampler", options.sampler.map(|choice| choice.to_string()));
     add("roulette", options.roulette.map(|choice| choice.to_string()));
     add("triangle", options.triangle.map(|choice| choice.to_string()));
+    add("bvh", options.bvh.map(|choice| choice.to_string()));
     words.join(" ")
 }

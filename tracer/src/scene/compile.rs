@@ -9,10 +9,9 @@ use common::{
 };
 
 use super::{
-    Draft, Facts, Parts, Placement,
+    Draft, Facts, Parts, Placement, geometry_options,
     mesh::{Placed, Source, tangents},
     surface::{Attributes, NO_EMITTER, Surface, disk_axes},
-    triangle_test,
     values::{Needs, check_quad, from_part, keeps_shape, linear, needs, placed_disk, rgb, scene_radius, smoothness},
 };
 use crate::{
@@ -509,7 +508,7 @@ impl<'a> Compiler<'a> {
             emitters: if emission_varies { self.emitters } else { Vec::new() },
             facts: self.facts,
         };
-        Ok(Draft { world: self.world, scene, triangle: triangle_test(self.method), warnings: self.warnings })
+        Ok(Draft { world: self.world, scene, options: geometry_options(self.method), warnings: self.warnings })
     }
 }
 

@@ -15,7 +15,7 @@ use common::method::{self, Method};
 
 use crate::{
     camera::Camera,
-    geometry::{Accel, Counters, Hit, Ray, TriangleTest, World},
+    geometry::{Accel, BuildMethod, Counters, Hit, Options, Ray, TriangleTest, World},
     light::Lights,
     material::Material,
     math::{DAffine3, Rgb, Vec2, Vec3},
@@ -30,7 +30,7 @@ pub use surface::{NO_EMITTER, Point};
 pub struct Draft {
     world: World,
     scene: Parts,
-    triangle: TriangleTest,
+    options: Options,
     warnings: Vec<String>,
 }
 
@@ -88,15 +88,21 @@ impl Draft {
     /// Build the acceleration structure.
     #[must_use]
     pub fn build(self) -> Scene {
-        Scene { accel: Accel::build(self.world, self.triangle), parts: self.scene }
+        Scene { accel: Accel::build_with(self.world, self.options), parts: self.scene }
     }
 }
 
-fn triangle_test(method: &Method) -> TriangleTest {
-    match method.triangle {
+fn geometry_options(method: &Method) -> Options {
+    let test = match method.triangle {
         method::TriangleTest::Watertight => TriangleTest::Watertight,
         method::TriangleTest::MoellerTrumbore => TriangleTest::MoellerTrumbore,
-    }
+    };
+    let split = match method.bvh {
+        method::Bvh::Sah => BuildMethod::Sah,
+        method::Bvh::MeanCentroid => BuildMethod::MeanCentroid,
+        method::Bvh::Midpoint => BuildMethod::Midpoint,
+    };
+    Options { test, method: split, ..Options::default() }
 }
 
 impl Scene {

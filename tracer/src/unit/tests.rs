@@ -1,4 +1,9 @@
-use common::{method::Method, pass::Work, scene::SceneFile, tile::Rect};
+use common::{
+    method::{Bvh, Method},
+    pass::Work,
+    scene::SceneFile,
+    tile::Rect,
+};
 use serde_json::json;
 
 use crate::{
@@ -46,6 +51,31 @@ fn any_split_of_pixels_and_samples_gives_the_same_bits() {
         let expected = if i % 2 == 0 { Default::default() } else { whole.moments[i] };
         assert_eq!(by_pixel.moments[i], expected);
     }
+}
+
+#[test]
+fn no_bit_depends_on_how_the_tree_is_split() {
+    let mut scene = scene();
+    // Enough, and uneven enough, that splits differ.
+    for i in 0..60 {
+        let size = 0.9f64.powi(i);
+        let ball =
+            json!({ "type": "sphere", "center": [2.0 * size, 0.3 * size, -2.0 + 3.0 * size], "radius": 0.1 * size });
+        scene.shapes.push(serde_json::from_value(ball).unwrap());
+    }
+    let image = |bvh| {
+        let method = Method { bvh, ..Method::default() };
+        let image = render(&scene, &method, Work::Uniform { first: 0, samples: 16 }, 16);
+        (image.film.moments, image.statistics.node_tests)
+    };
+    let (sah, node_tests) = image(Bvh::Sah);
+    let mut differ = false;
+    for bvh in [Bvh::MeanCentroid, Bvh::Midpoint] {
+        let (other, tests) = image(bvh);
+        assert!(sah == other, "{bvh}");
+        differ |= tests != node_tests;
+    }
+    assert!(differ, "the choice reaches the tree");
 }
 
 #[test]
