@@ -27,6 +27,19 @@ pub struct Material {
     normal_map: Option<NormalMap>,
 }
 
+/// What is the same all over a material.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flat {
+    /// The reflectance, where it scatters by Lambert's law with one colour.
+    pub diffuse: Option<Rgb>,
+    /// Whether light is found by sampling the BSDF alone.
+    pub delta: bool,
+    /// Whether the back scatters as the front does.
+    pub two_sided: bool,
+    /// Whether light may be refracted to the other side.
+    pub transmissive: bool,
+}
+
 #[derive(Debug, Clone)]
 enum Kind {
     Diffuse { reflectance: Texture },
@@ -195,6 +208,16 @@ impl Material {
     #[must_use]
     pub fn is_transmissive(&self) -> bool {
         matches!(self.kind, Kind::Dielectric { .. })
+    }
+
+    /// What is the same all over it.
+    #[must_use]
+    pub fn flat(&self) -> Flat {
+        let diffuse = match &self.kind {
+            Kind::Diffuse { reflectance } => reflectance.as_constant().map(|_| reflectance.share_at(Vec2::ZERO)),
+            _ => None,
+        };
+        Flat { diffuse, delta: self.is_delta(), two_sided: self.two_sided, transmissive: self.is_transmissive() }
     }
 
     /// Whether light is found by sampling the BSDF alone, wherever one looks.

@@ -39,6 +39,42 @@ pub fn next_down(x: f32) -> f32 {
     x.next_down()
 }
 
+/// A number that [`select`] chooses.
+pub trait Selectable: Copy {
+    /// `yes` or `no`, by their bits.
+    fn choose(condition: bool, yes: Self, no: Self) -> Self;
+}
+
+impl Selectable for f32 {
+    #[inline(always)]
+    fn choose(condition: bool, yes: Self, no: Self) -> Self {
+        let mask = u32::from(condition).wrapping_neg();
+        f32::from_bits(yes.to_bits() & mask | no.to_bits() & !mask)
+    }
+}
+
+impl Selectable for f64 {
+    #[inline(always)]
+    fn choose(condition: bool, yes: Self, no: Self) -> Self {
+        let mask = u64::from(condition).wrapping_neg();
+        f64::from_bits(yes.to_bits() & mask | no.to_bits() & !mask)
+    }
+}
+
+/// `yes` or `no`, both computed: unlike `if`, never a branch, which would keep a loop from becoming vector code.
+#[inline(always)]
+#[must_use]
+pub fn select<T: Selectable>(condition: bool, yes: T, no: T) -> T {
+    T::choose(condition, yes, no)
+}
+
+/// [`select`], coordinate by coordinate.
+#[inline(always)]
+#[must_use]
+pub fn select3(condition: bool, yes: Vec3, no: Vec3) -> Vec3 {
+    Vec3::new(select(condition, yes.x, no.x), select(condition, yes.y, no.y), select(condition, yes.z, no.z))
+}
+
 /// Root of `x`, 0 where rounding made it negative.
 #[inline]
 #[must_use]
@@ -118,13 +154,41 @@ pub fn asin(x: f32) -> f32 {
 
 /// Sine and cosine for |x| <= pi/4 (a little more is harmless), within 2e-7: the minimax polynomials of
 /// the Cephes library's sinf and cosf.
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn sin_cos_quarter(x: f32) -> (f32, f32) {
     let x2 = x * x;
     let sin = x + x * x2 * (-1.666_665_5e-1 + x2 * (8.332_161e-3 + x2 * -1.951_529_6e-4));
     let cos = 1.0 - 0.5 * x2 + x2 * x2 * (4.166_664_6e-2 + x2 * (-1.388_731_6e-3 + x2 * 2.443_315_7e-5));
     (sin, cos)
+}
+
+/// Angle of (x, y) from the x axis for y >= 0, 0 to pi, within 3e-7 of itself: the polynomial of Abramowitz
+/// and Stegun 4.4.49. Without branches, so that loops over it become vector code.
+#[inline(always)]
+#[must_use]
+pub fn upper_angle(y: f32, x: f32) -> f32 {
+    let along = x.abs();
+    let steep = y > along;
+    let (less, more) = (select(steep, along, y), select(steep, y, along));
+    let t = less / more;
+    let s = t * t;
+    let tail = 0.106_562_64 + s * (-0.075_289_64 + s * (0.042_909_614 + s * (-0.016_165_737 + s * 0.002_866_225_7)));
+    let angle = t + t * s * (-0.333_331_45 + s * (0.199_935_51 + s * (-0.142_089 + s * tail)));
+    let angle = select(steep, FRAC_PI_2 - angle, angle);
+    select(x < 0.0, PI - angle, angle)
+}
+
+/// Sine and cosine for 0 <= x <= pi, within 3e-7. Without branches.
+#[inline(always)]
+#[must_use]
+pub fn sin_cos_half_turn(x: f32) -> (f32, f32) {
+    let (past_first, past_second) = (x > FRAC_PI_4, x > 3.0 * FRAC_PI_4);
+    let quadrant = select(past_second, 2.0, select(past_first, 1.0, 0.0));
+    // pi/2 in two parts, the first short enough for its multiples to be exact.
+    let (sin, cos) = sin_cos_quarter((x - quadrant * 1.570_312_5) - quadrant * 4.838_268e-4);
+    let (a, b) = (select(past_first, cos, sin), select(past_first, -sin, cos));
+    (select(past_second, -sin, a), select(past_second, -cos, b))
 }
 
 /// Sine and cosine of `u` full turns, 0 <= u <= 1, within 3e-7: for azimuths.
@@ -142,29 +206,25 @@ pub fn sin_cos_turns(u: f32) -> (f32, f32) {
 }
 
 /// The unit square onto the unit disk, area to area (Shirley and Chiu 1997).
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn concentric_disk(u: Vec2) -> Vec2 {
     let (a, b) = (2.0 * u.x - 1.0, 2.0 * u.y - 1.0);
-    if a == 0.0 && b == 0.0 {
-        return Vec2::ZERO;
-    }
-    if a.abs() > b.abs() {
-        let (sin, cos) = sin_cos_quarter(FRAC_PI_4 * (b / a));
-        Vec2::new(a * cos, a * sin)
-    } else {
-        let (sin, cos) = sin_cos_quarter(FRAC_PI_4 * (a / b));
-        Vec2::new(b * sin, b * cos)
-    }
+    // By selection, not by branches: loops over this become vector code.
+    let wide = a.abs() > b.abs();
+    let (radius, other) = (select(wide, a, b), select(wide, b, a));
+    let ratio = select(radius == 0.0, 0.0, other / radius);
+    let (sin, cos) = sin_cos_quarter(FRAC_PI_4 * ratio);
+    Vec2::new(radius * select(wide, cos, sin), radius * select(wide, sin, cos))
 }
 
 /// A direction about +z with density cos/pi (Malley's method). Its z is never 0.
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn cosine_hemisphere(u: Vec2) -> Vec3 {
     let d = concentric_disk(u);
-    let z = (1.0 - d.x * d.x - d.y * d.y).max(1e-12).sqrt();
-    Vec3::new(d.x, d.y, z)
+    let z2 = 1.0 - d.x * d.x - d.y * d.y;
+    Vec3::new(d.x, d.y, select(z2 > 1e-12, z2, 1e-12).sqrt())
 }
 
 /// A direction about +z with density 1/(2 pi): the disk lifted area to area, so strata stay compact.
@@ -200,7 +260,7 @@ pub struct Frame {
 
 impl Frame {
     /// A basis about the unit vector `n` (Duff et al. 2017, "Building an Orthonormal Basis, Revisited").
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn from_normal(n: Vec3) -> Self {
         let sign = 1.0f32.copysign(n.z);
@@ -231,14 +291,14 @@ impl Frame {
     }
 
     /// World to local.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(v.dot(self.t), v.dot(self.b), v.dot(self.n))
     }
 
     /// Local to world.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.t * v.x + self.b * v.y + self.n * v.z
@@ -267,6 +327,12 @@ mod tests {
             let (sin, cos) = sin_cos_turns(u);
             assert!((f64::from(sin) - angle.sin()).abs() < 3e-7, "{u}");
             assert!((f64::from(cos) - angle.cos()).abs() < 3e-7, "{u}");
+            let (sin, cos) = sin_cos_half_turn(u * PI);
+            let half = f64::from(u * PI);
+            assert!((f64::from(sin) - half.sin()).abs() < 3e-7 && (f64::from(cos) - half.cos()).abs() < 3e-7, "{u}");
+            let found = f64::from(upper_angle(sin, cos));
+            let expected = f64::from(sin.max(0.0)).atan2(f64::from(cos));
+            assert!((found - expected).abs() <= 3e-7 * expected, "{u}: {found} {expected}");
             let x = (u - 0.5) * FRAC_PI_2;
             let (sin, cos) = sin_cos_quarter(x);
             assert!((f64::from(sin) - f64::from(x).sin()).abs() < 2e-7);

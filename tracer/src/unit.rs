@@ -19,13 +19,13 @@ use common::{
 use crate::{
     Assets,
     geometry::Counters,
-    integrator::Integrator,
+    integrator::{Integrator, WIDTH, Wave},
     math::Rgb,
     sampler::Sampler,
     scene::{Draft, Facts, Scene},
 };
 
-use pixel::Pixel;
+use pixel::{Pixel, Source};
 pub use replay::Replay;
 
 /// A scene whose parts are in memory, before its acceleration structure is built.
@@ -147,19 +147,13 @@ impl<'a> UnitRender<'a> {
             statistics: UnitStatistics::default(),
             first_rejected: None,
         };
-        for column in 0..rect.w {
+        let pixels = match self.unit.work {
+            Work::Textbook { .. } => self.one_by_one(row, &mut counters),
+            _ if self.integrator.has_wave() => self.in_waves(row, &mut counters),
+            _ => self.one_by_one(row, &mut counters),
+        };
+        for (column, done) in (0..).zip(pixels.into_iter().map(Pixel::finish)) {
             let (x, y) = (rect.x + column, rect.y + row);
-            let mut pixel = Pixel::new(&self.integrator, &self.sampler, [x, y], self.unit.features, &mut counters);
-            match &self.unit.work {
-                Work::Uniform { first, samples } => pixel.range(*first, *samples),
-                Work::PerPixel { first, batches } => {
-                    let index = (row * rect.w + column) as usize;
-                    let batch = self.sampler.batch();
-                    pixel.range(first[index] * batch, batches[index] * batch);
-                }
-                Work::Textbook { batch, tolerance, max_samples } => pixel.textbook(*batch, *tolerance, *max_samples),
-            }
-            let done = pixel.finish();
             result.statistics.samples += u64::from(done.moments.samples);
             result.statistics.rejected += u64::from(done.rejected);
             result.first_rejected = result.first_rejected.or(done.first_rejected.map(|sample| [x, y, sample]));
@@ -172,6 +166,77 @@ impl<'a> UnitRender<'a> {
         result.statistics.node_tests = counters.node_tests;
         result.statistics.primitive_tests = counters.primitive_tests;
         result
+    }
+
+    /// First sample and number of samples of a pixel of a row, where that is known beforehand.
+    fn range(&self, row: u32, column: u32) -> (u32, u32) {
+        match &self.unit.work {
+            Work::Uniform { first, samples } => (*first, *samples),
+            Work::PerPixel { first, batches } => {
+                let index = (row * self.unit.id.rect.w + column) as usize;
+                let batch = self.sampler.batch();
+                (first[index] * batch, batches[index] * batch)
+            }
+            Work::Textbook { .. } => (0, 0),
+        }
+    }
+
+    fn one_by_one(&self, row: u32, counters: &mut Counters) -> Vec<Pixel> {
+        let rect = self.unit.id.rect;
+        let (integrator, sampler) = (&self.integrator, &self.sampler);
+        let render = |column: u32| {
+            let mut pixel = Pixel::new(self.unit.features);
+            let mut source = Source { integrator, sampler, pixel: [rect.x + column, rect.y + row], counters };
+            match &self.unit.work {
+                Work::Textbook { batch, tolerance, max_samples } => {
+                    pixel.textbook(&mut source, *batch, *tolerance, *max_samples);
+                }
+                _ => {
+                    let (first, samples) = self.range(row, column);
+                    pixel.range(&mut source, first, samples);
+                }
+            }
+            pixel
+        };
+        (0..rect.w).map(render).collect()
+    }
+
+    /// The row's samples, in order, as many at once as a wave holds.
+    fn in_waves(&self, row: u32, counters: &mut Counters) -> Vec<Pixel> {
+        let rect = self.unit.id.rect;
+        let mut pixels: Vec<Pixel> = (0..rect.w).map(|_| Pixel::new(self.unit.features)).collect();
+        let mut wave = Wave::new();
+        let mut requests: Vec<[u32; 3]> = Vec::with_capacity(WIDTH);
+        // Of each request, how many samples its batch has, if it is the batch's first.
+        let mut begins: Vec<u32> = Vec::with_capacity(WIDTH);
+        let mut flush = |requests: &mut Vec<[u32; 3]>, begins: &mut Vec<u32>| {
+            self.integrator.wave(&mut wave, &self.sampler, requests, counters);
+            for (i, (&[x, _, sample], &size)) in requests.iter().zip(begins.iter()).enumerate() {
+                let pixel = &mut pixels[(x - rect.x) as usize];
+                if size > 0 {
+                    pixel.begin(size);
+                }
+                pixel.take_traced(sample, wave.traced(i));
+            }
+            requests.clear();
+            begins.clear();
+        };
+        for column in 0..rect.w {
+            let (first, samples) = self.range(row, column);
+            for (next, size) in pixel::batches(&self.sampler, first, samples) {
+                for sample in next..next + size {
+                    requests.push([rect.x + column, rect.y + row, sample]);
+                    begins.push(if sample == next { size } else { 0 });
+                    if requests.len() == WIDTH {
+                        flush(&mut requests, &mut begins);
+                    }
+                }
+            }
+        }
+        if !requests.is_empty() {
+            flush(&mut requests, &mut begins);
+        }
+        pixels
     }
 
     /// Put rows, in order, together into the unit's result.

@@ -225,6 +225,16 @@ impl Accel {
         point.unwrap_or_else(|| SurfacePoint { p: ray.at(hit.t), p_error: Vec3::ZERO, ng: -ray.direction })
     }
 
+    /// The corners of the triangle that was hit, where it is one of the world itself.
+    #[inline]
+    #[must_use]
+    pub fn world_triangle(&self, hit: &Hit) -> Option<[Vec3; 3]> {
+        match self.world.shapes.get(hit.shape as usize)? {
+            Shape::Mesh(mesh) if hit.instance == Hit::NO_INSTANCE => mesh.corners(hit.primitive as usize),
+            _ => None,
+        }
+    }
+
     /// Bounds of the world; empty for an empty one.
     #[must_use]
     pub fn bounds(&self) -> Bounds {

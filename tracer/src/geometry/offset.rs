@@ -23,6 +23,7 @@ pub const fn gamma(n: u32) -> f64 {
 
 /// A point clear of the surface that passes within `p_error` of `p` with normal `ng`, on the side that
 /// `direction` points to.
+#[inline(always)]
 #[must_use]
 pub fn offset_origin(p: Vec3, p_error: Vec3, ng: Vec3, direction: Vec3) -> Vec3 {
     let distance = ng.abs().dot(p_error);
@@ -44,6 +45,7 @@ pub fn offset_origin(p: Vec3, p_error: Vec3, ng: Vec3, direction: Vec3) -> Vec3 
 }
 
 /// A ray without end from a surface point.
+#[inline(always)]
 #[must_use]
 pub fn spawn(p: Vec3, p_error: Vec3, ng: Vec3, direction: Vec3) -> Ray {
     Ray::new(offset_origin(p, p_error, ng, direction), direction)
@@ -52,6 +54,7 @@ pub fn spawn(p: Vec3, p_error: Vec3, ng: Vec3, direction: Vec3) -> Ray {
 /// A shadow ray from one surface point to another, clear of both: it meets whatever stands between them
 /// and neither of them. A point without a surface (a point light, a point in space) has a normal of zero.
 /// The direction is not unit length: the target is at parameter 1, and the ray ends just before it.
+#[inline(always)]
 #[must_use]
 pub fn spawn_to(p: Vec3, p_error: Vec3, ng: Vec3, target: Vec3, target_error: Vec3, target_ng: Vec3) -> Ray {
     let from = offset_origin(p, p_error, ng, target - p);

@@ -29,6 +29,7 @@ struct Exact {
 
 /// The point of a triangle at weights `b1` and `b2` of its second and third corner. It is the weights that
 /// are kept, not the parameter: so the point is in the triangle's plane.
+#[inline(always)]
 fn of_triangle(corners: [Vec3; 3], b1: f32, b2: f32) -> Exact {
     let [a, b, c] = corners.map(|p| p.as_dvec3());
     let (b1, b2) = (f64::from(b1), f64::from(b2));
@@ -38,6 +39,13 @@ fn of_triangle(corners: [Vec3; 3], b1: f32, b2: f32) -> Exact {
         size: (a * b0).abs() + (b * b1).abs() + (c * b2).abs(),
         normal: (b - a).cross(c - a),
     }
+}
+
+/// The point of a triangle of the world itself, as [`super::Accel::surface`] finds it.
+#[inline(always)]
+#[must_use]
+pub fn triangle_point(corners: [Vec3; 3], b1: f32, b2: f32) -> SurfacePoint {
+    finish(of_triangle(corners, b1, b2), true, None)
 }
 
 /// The point of a shape that a ray hit near parameter `t`. None for a mesh without that triangle.
@@ -75,6 +83,7 @@ pub(super) fn of_hit(
 
 /// Into world space, and rounded. `flips` is for normals that follow from the order of corners: a
 /// mirroring turns that order round.
+#[inline(always)]
 fn finish(exact: Exact, flips: bool, placed: Option<(&DAffine3, &DMat3)>) -> SurfacePoint {
     let Exact { mut p, size, mut normal } = exact;
     let mut error = size * ROOM;

@@ -16,6 +16,7 @@
 mod direct;
 mod probe;
 mod roulette;
+mod wave;
 
 #[cfg(test)]
 mod tests;
@@ -26,13 +27,14 @@ use crate::{
     bsdf::Bsdf,
     geometry::{Counters, Hit, Ray, spawn},
     light::Reference,
-    math::{Frame, Rgb, Vec2, Vec3},
+    math::{Frame, Rgb, Vec2, Vec3, select},
     sampler::Stream,
     scene::{NO_EMITTER, Point, Scene},
 };
 
 pub use probe::{End, Probe, Vertex};
 pub use roulette::survival;
+pub use wave::{Compiled, FirstHit, Traced, WIDTH, Wave};
 
 /// What one sample found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -352,13 +354,9 @@ impl<'a> Integrator<'a> {
 
 /// Weight of a sample of density `a` beside another way of density `b` (Veach 1995, exponent 2), by their
 /// ratio: squares of large densities overflow, and the usual form then gives 0 or NaN.
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn power_heuristic(a: f32, b: f32) -> f32 {
-    if a > 0.0 {
-        let r = b / a;
-        1.0 / (1.0 + r * r)
-    } else {
-        0.0
-    }
+    let r = b / a;
+    select(a > 0.0, 1.0 / (1.0 + r * r), 0.0)
 }

@@ -11,6 +11,7 @@ mod cone;
 mod delta;
 mod emitter;
 mod environment;
+mod lamp;
 mod lanes;
 mod sphere_cone;
 mod spherical_rectangle;
@@ -24,10 +25,11 @@ pub use alias::AliasTable;
 pub use delta::DeltaLight;
 pub use emitter::{Emitter, EmitterSample, Stratum};
 pub use environment::{Environment, ImageEnvironment};
+pub use lamp::Lamp;
 pub use tree::group_importance;
 
 use self::choice::TreeChoice;
-use crate::math::{Rgb, Vec2, Vec3};
+use crate::math::{Rgb, Vec2, Vec3, select};
 
 /// Who asks for light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -186,6 +188,23 @@ impl Lights {
     #[must_use]
     pub fn count(&self) -> usize {
         self.areas.len() + self.deltas.len() + usize::from(self.environment.is_some())
+    }
+
+    /// Whether [`Lights::for_each`] gives at most one sample.
+    #[must_use]
+    pub fn has_one_sample(&self) -> bool {
+        !matches!(self.choice, Choice::All)
+    }
+
+    /// The only light there is, where it is one rectangle sampled by solid angle.
+    #[must_use]
+    pub fn lone_rectangle(&self) -> Option<Lamp> {
+        let (Choice::Table(_), [light]) = (&self.choice, &self.live[..]) else { return None };
+        let area = self.areas.get(*light as usize)?;
+        if area.table.len() != 1 || self.sampling != LightSampling::SolidAngle {
+            return None;
+        }
+        Lamp::new(&self.emitters[area.first as usize].shape, area.radiance, area.two_sided)
     }
 
     /// Whether nothing shines.
@@ -405,9 +424,11 @@ impl Lights {
 
 /// The density of a place on a light times the probability of the light: finite, and above 0 if the
 /// density is.
-#[inline]
+#[inline(always)]
 fn with_choice(chosen: f32, pdf: f32) -> f32 {
-    if pdf > 0.0 { (chosen * pdf).clamp(f32::MIN_POSITIVE, f32::MAX) } else { 0.0 }
+    let product = chosen * pdf;
+    let product = select(product > f32::MIN_POSITIVE, product, f32::MIN_POSITIVE);
+    select(pdf > 0.0, select(product < f32::MAX, product, f32::MAX), 0.0)
 }
 
 #[cfg(test)]

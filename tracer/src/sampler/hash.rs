@@ -10,7 +10,7 @@ pub(super) const fn mix(mut x: u64) -> u64 {
 }
 
 /// The seed of one dimension of a batch.
-#[inline]
+#[inline(always)]
 pub(super) fn dimension(key: u64, dimension: u32) -> u64 {
     let x = key ^ u64::from(dimension).wrapping_mul(0xD1B5_4A32_D192_ED03);
     let x = (x ^ (x >> 32)).wrapping_mul(0xD6E8_FEB8_6659_FD93);
@@ -19,7 +19,7 @@ pub(super) fn dimension(key: u64, dimension: u32) -> u64 {
 }
 
 /// 32 bits to 0 <= u < 1, by the upper 24: every value is exact, and a stratum stays a stratum.
-#[inline]
+#[inline(always)]
 pub(super) fn unit(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }

@@ -61,11 +61,40 @@ impl Sampler {
         let pixel = u64::from(x) | u64::from(y) << 32;
         let turn = u64::from(sample / self.batch) | u64::from(self.frame) << 32;
         let key = hash::mix(hash::mix(hash::mix(self.seed) ^ pixel) ^ turn);
-        Stream { kind: self.kind, key, index: sample % self.batch, batch: self.batch, strata: self.strata }
+        self.resume(key, sample % self.batch)
+    }
+
+    /// The stream with these [`Stream::parts`].
+    #[inline(always)]
+    #[must_use]
+    pub fn resume(&self, key: u64, index: u32) -> Stream {
+        Stream { kind: self.kind, key, index, batch: self.batch, strata: self.strata }
+    }
+
+    /// Whether its pairs are those of [`default_two`].
+    #[must_use]
+    pub fn is_default(&self) -> bool {
+        self.kind == method::Sampler::Sobol && self.batch == permute::TABLED
     }
 }
 
+/// [`Stream::two`] of a stream with these parts, for Sobol' points in batches of 16. Without branches, so
+/// that loops over it become vector code.
+#[inline(always)]
+#[must_use]
+pub fn default_two(key: u64, index: u32, dimension: u32) -> Vec2 {
+    let seed = hash::dimension(key, dimension);
+    sobol::two(permute::permute16(index, seed as u32), seed)
+}
+
 impl Stream {
+    /// What sets it apart from others of its sampler: the key of its batch, and its place in that.
+    #[inline]
+    #[must_use]
+    pub fn parts(&self) -> (u64, u32) {
+        (self.key, self.index)
+    }
+
     /// The number of dimension `dimension`, 0 <= u < 1.
     #[inline]
     #[must_use]

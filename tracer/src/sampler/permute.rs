@@ -9,8 +9,11 @@ use super::hash::mix;
 /// The place of point `i` of `n` in an order chosen by `seed`.
 #[inline]
 pub(super) fn permute(i: u32, n: u32, seed: u32) -> u32 {
-    if n == 16 { permute16(i, seed) } else { kensler(i, n, seed) }
+    if n == TABLED { permute16(i, seed) } else { kensler(i, n, seed) }
 }
+
+/// Number of points whose orders are tabled.
+pub(super) const TABLED: u32 = 16;
 
 /// Orders of sixteen points, four bits a place. 512 of them, 4 KiB, times 16 exclusive-ors.
 static ORDERS: [u64; 512] = orders();
@@ -42,8 +45,9 @@ const fn orders() -> [u64; 512] {
     table
 }
 
-#[inline]
-fn permute16(i: u32, seed: u32) -> u32 {
+/// The same for [`TABLED`] points.
+#[inline(always)]
+pub(super) fn permute16(i: u32, seed: u32) -> u32 {
     let order = ORDERS[(seed >> 4) as usize % ORDERS.len()];
     ((order >> (4 * (i & 15))) as u32 ^ seed) & 15
 }

@@ -10,7 +10,7 @@ use crate::math::Vec2;
 
 /// Nested uniform scramble in the base-2 digits of `x`, least significant first: each bit is flipped by a
 /// hash of the bits below it (Laine and Karras 2011, with the constants of Vegdahl 2021).
-#[inline]
+#[inline(always)]
 fn scramble(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3D20_ADEA);
     x = x.wrapping_add(seed);
@@ -21,7 +21,7 @@ fn scramble(mut x: u32, seed: u32) -> u32 {
 
 /// The second Sobol' dimension of point `i` with its bits reversed: Pascal's triangle modulo 2, applied in
 /// log steps (Ahmed 2024, "An Implementation Algorithm of 2D Sobol Sequence Fast, Elegant, and Compact").
-#[inline]
+#[inline(always)]
 fn pascal(mut i: u32) -> u32 {
     i ^= i >> 16;
     i ^= (i & 0xFF00_FF00) >> 8;
@@ -31,13 +31,13 @@ fn pascal(mut i: u32) -> u32 {
 }
 
 /// One number: point `i` of a scrambled van der Corput sequence.
-#[inline]
+#[inline(always)]
 pub(super) fn one(i: u32, seed: u64) -> f32 {
     unit(scramble(i, (seed >> 32) as u32).reverse_bits())
 }
 
 /// A pair: point `i` of the first two Sobol' dimensions, each scrambled.
-#[inline]
+#[inline(always)]
 pub(super) fn two(i: u32, seed: u64) -> Vec2 {
     let second = (seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) as u32;
     let x = scramble(i, (seed >> 32) as u32).reverse_bits();

@@ -501,6 +501,7 @@ impl<'a> Compiler<'a> {
             self.world.instances.iter().map(|i| Placement::new(first[i.object as usize], i.to_world)).collect();
         let scene = Parts {
             camera: Camera::new(&self.scene.camera, self.scene.film.filter, resolution),
+            flats: self.materials.iter().map(Material::flat).collect(),
             materials: self.materials,
             surfaces: self.surfaces,
             instances,

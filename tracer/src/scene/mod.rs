@@ -17,7 +17,7 @@ use crate::{
     camera::Camera,
     geometry::{Accel, BuildMethod, Counters, Hit, Options, Ray, TriangleTest, World},
     light::Lights,
-    material::Material,
+    material::{Flat, Material},
     math::{DAffine3, Rgb, Vec2, Vec3},
 };
 
@@ -46,6 +46,8 @@ pub struct Scene {
 struct Parts {
     camera: Camera,
     materials: Vec<Material>,
+    /// Of each material, what is the same all over it.
+    flats: Vec<Flat>,
     /// Surfaces of the world's own shapes, then those of each object in turn.
     surfaces: Vec<Surface>,
     /// Of each instance: where its object's surfaces begin, and its linear maps.
@@ -151,6 +153,28 @@ impl Scene {
     #[must_use]
     pub fn material(&self, point: &Point) -> &Material {
         &self.parts.materials[point.material as usize]
+    }
+
+    /// The material with this number.
+    #[inline]
+    #[must_use]
+    pub fn material_at(&self, index: u32) -> &Material {
+        &self.parts.materials[index as usize]
+    }
+
+    /// What is the same all over the material with this number.
+    #[inline]
+    #[must_use]
+    pub fn flat(&self, material: u32) -> &Flat {
+        &self.parts.flats[material as usize]
+    }
+
+    /// Material and emitter of a hit that is on no instance.
+    #[inline]
+    #[must_use]
+    pub fn surface_of(&self, hit: &Hit) -> (u32, u32) {
+        let surface = &self.parts.surfaces[hit.shape as usize];
+        (surface.material, surface.emitter(hit.primitive))
     }
 
     /// Everything that shading needs of a hit. `ATTRIBUTES` false: the scene has no shading normals,

@@ -36,6 +36,16 @@ pub struct Point {
     pub(super) surface: u32,
 }
 
+impl Point {
+    /// A point of a surface without attributes.
+    #[inline]
+    #[must_use]
+    pub fn plain(p: Vec3, p_error: Vec3, ng: Vec3, material: u32, emitter: u32, surface: u32) -> Self {
+        let (uv, dpdu, dpdv) = (Vec2::ZERO, Vec3::ZERO, Vec3::ZERO);
+        Self { p, p_error, ng, ns: ng, uv, dpdu, dpdv, material, emitter, surface }
+    }
+}
+
 /// What is known of a shape beside its geometry.
 #[derive(Debug)]
 pub(super) struct Surface {

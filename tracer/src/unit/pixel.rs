@@ -7,18 +7,18 @@ use common::{
 
 use crate::{
     geometry::Counters,
-    integrator::{End, Integrator, Probe, Sample, Vertex},
+    integrator::{End, FirstHit, Integrator, Probe, Sample, Traced, Vertex},
     math::{Rgb, Vec3},
     sampler::Sampler,
 };
 
-/// A pixel in the making.
-pub(super) struct Pixel<'a> {
-    integrator: &'a Integrator<'a>,
-    sampler: &'a Sampler,
-    pixel: [u32; 2],
-    counters: &'a mut Counters,
+/// A pixel in the making: takes samples in order, batch by batch.
+pub(super) struct Pixel {
     moments: Moments,
+    batch: Batch,
+    /// Samples that the batch in the making is to have, and has.
+    size: u32,
+    taken: u32,
     features: Option<FeatureSums>,
     rejected: u32,
     first_rejected: Option<u32>,
@@ -41,20 +41,34 @@ struct Batch {
     known: Option<Rgb>,
 }
 
-impl<'a> Pixel<'a> {
-    pub fn new(
-        integrator: &'a Integrator<'a>,
-        sampler: &'a Sampler,
-        pixel: [u32; 2],
-        features: bool,
-        counters: &'a mut Counters,
-    ) -> Self {
+/// Where samples come from, one at a time.
+pub(super) struct Source<'a> {
+    pub integrator: &'a Integrator<'a>,
+    pub sampler: &'a Sampler,
+    pub pixel: [u32; 2],
+    pub counters: &'a mut Counters,
+}
+
+/// Samples `first` to `first + samples` as the sampler's batches: (number of the first, size) of each.
+pub(super) fn batches(sampler: &Sampler, first: u32, samples: u32) -> impl Iterator<Item = (u32, u32)> {
+    let (size, end) = (sampler.batch(), first.saturating_add(samples));
+    let mut next = first;
+    std::iter::from_fn(move || {
+        (next < end).then(|| {
+            let batch = (next, (size - next % size).min(end - next));
+            next += batch.1;
+            batch
+        })
+    })
+}
+
+impl Pixel {
+    pub fn new(features: bool) -> Self {
         Self {
-            integrator,
-            sampler,
-            pixel,
-            counters,
             moments: Moments::default(),
+            batch: Batch::default(),
+            size: 0,
+            taken: 0,
             features: features.then(FeatureSums::default),
             rejected: 0,
             first_rejected: None,
@@ -62,24 +76,21 @@ impl<'a> Pixel<'a> {
     }
 
     /// Samples `first` to `first + samples`, in the sampler's batches.
-    pub fn range(&mut self, first: u32, samples: u32) {
-        let (mut next, end) = (first, first.saturating_add(samples));
-        while next < end {
-            let size = (self.sampler.batch() - next % self.sampler.batch()).min(end - next);
-            self.batch(next, size, |_| {});
-            next += size;
+    pub fn range(&mut self, source: &mut Source, first: u32, samples: u32) {
+        for (next, size) in batches(source.sampler, first, samples) {
+            self.run(source, next, size, |_| {});
         }
     }
 
     /// Samples from 0 on in batches of `batch`, until 1.96 sqrt(variance / n) <= `tolerance` x mean of the
     /// samples' luminance: the textbook rule, kept with its faults (see `common::adaptive`). Only its
     /// variance is computed without cancellation (Welford 1962).
-    pub fn textbook(&mut self, batch: u32, tolerance: f64, max_samples: u32) {
+    pub fn textbook(&mut self, source: &mut Source, batch: u32, tolerance: f64, max_samples: u32) {
         let (mut n, mut mean, mut m2) = (0u32, 0.0, 0.0);
         while n < max_samples {
             let size = batch.max(1).min(max_samples - n);
             let mut seen = n;
-            self.batch(n, size, |x| {
+            self.run(source, n, size, |x| {
                 seen += 1;
                 let delta = x - mean;
                 mean += delta / f64::from(seen);
@@ -96,37 +107,62 @@ impl<'a> Pixel<'a> {
     }
 
     /// One batch of `size` samples from `first` on; `each` is told every sample's luminance.
-    fn batch(&mut self, first: u32, size: u32, mut each: impl FnMut(f64)) {
-        let mut batch = Batch::default();
+    fn run(&mut self, source: &mut Source, first: u32, size: u32, mut each: impl FnMut(f64)) {
+        self.begin(size);
         for number in first..first + size {
-            let sample = self.sample(number);
-            if sample.radiance.is_finite() {
-                batch.add(&sample);
-                each(luminance(sample.radiance.as_dvec3().to_array()));
-            } else {
-                self.rejected += 1;
-                self.first_rejected = self.first_rejected.or(Some(number));
-                batch.known = None;
-                each(batch.mean_luminance());
-            }
+            let sample = self.trace(source, number);
+            each(self.take(number, &sample));
         }
-        let known = batch.known.is_some() && batch.finite == size;
-        // Samples left out are stood for by the rest of their batch, so that counts stay what was asked for.
-        let moments = Moments { known, ..Moments::batch(size, batch.mean()) };
-        self.moments = self.moments.merge(moments);
     }
 
-    #[inline]
-    fn sample(&mut self, number: u32) -> Sample {
-        let [x, y] = self.pixel;
-        let stream = self.sampler.stream(x, y, number);
+    fn trace(&mut self, source: &mut Source, number: u32) -> Sample {
+        let [x, y] = source.pixel;
+        let stream = source.sampler.stream(x, y, number);
         match &mut self.features {
-            None => self.integrator.sample(x, y, &stream, self.counters),
+            None => source.integrator.sample(x, y, &stream, source.counters),
             Some(features) => {
                 features.samples += 1;
-                self.integrator.probed(x, y, &stream, self.counters, features)
+                source.integrator.probed(x, y, &stream, source.counters, features)
             }
         }
+    }
+
+    /// Begin a batch of `size` samples.
+    pub fn begin(&mut self, size: u32) {
+        (self.batch, self.size, self.taken) = (Batch::default(), size, 0);
+    }
+
+    /// Take in a sample with what is known of its first hit.
+    pub fn take_traced(&mut self, number: u32, traced: &Traced) {
+        if let Some(features) = &mut self.features {
+            features.samples += 1;
+            if let Some(first) = &traced.first {
+                features.add(first);
+            }
+        }
+        self.take(number, &traced.sample);
+    }
+
+    /// Take in the batch's next sample, and merge the batch when it is full. The sample's luminance, or
+    /// what stands for it.
+    fn take(&mut self, number: u32, sample: &Sample) -> f64 {
+        let luminance = if sample.radiance.is_finite() {
+            self.batch.add(sample);
+            luminance(sample.radiance.as_dvec3().to_array())
+        } else {
+            self.rejected += 1;
+            self.first_rejected = self.first_rejected.or(Some(number));
+            self.batch.known = None;
+            self.batch.mean_luminance()
+        };
+        self.taken += 1;
+        if self.taken == self.size {
+            let known = self.batch.known.is_some() && self.batch.finite == self.size;
+            // Samples left out are stood for by the rest of their batch, so that counts stay what was asked for.
+            let moments = Moments { known, ..Moments::batch(self.size, self.batch.mean()) };
+            self.moments = self.moments.merge(moments);
+        }
+        luminance
     }
 
     pub fn finish(self) -> Done {
@@ -174,19 +210,9 @@ struct FeatureSums {
 
 impl Probe for FeatureSums {
     fn vertex(&mut self, vertex: &Vertex) {
-        if vertex.depth > 0 {
-            return;
-        }
-        let add = |sum: &mut [f64; 3], v: Vec3| {
-            if v.is_finite() {
-                sum.iter_mut().zip(v.to_array()).for_each(|(s, c)| *s += f64::from(c));
-            }
-        };
-        add(&mut self.albedo, vertex.albedo);
-        add(&mut self.normal, vertex.ns);
-        if vertex.camera_depth.is_finite() {
-            self.depth += f64::from(vertex.camera_depth);
-            self.hits += 1;
+        if vertex.depth == 0 {
+            let Vertex { albedo, ns, camera_depth, .. } = *vertex;
+            self.add(&FirstHit { albedo, ns, camera_depth });
         }
     }
 
@@ -194,6 +220,20 @@ impl Probe for FeatureSums {
 }
 
 impl FeatureSums {
+    fn add(&mut self, first: &FirstHit) {
+        let add = |sum: &mut [f64; 3], v: Vec3| {
+            if v.is_finite() {
+                sum.iter_mut().zip(v.to_array()).for_each(|(s, c)| *s += f64::from(c));
+            }
+        };
+        add(&mut self.albedo, first.albedo);
+        add(&mut self.normal, first.ns);
+        if first.camera_depth.is_finite() {
+            self.depth += f64::from(first.camera_depth);
+            self.hits += 1;
+        }
+    }
+
     fn mean(&self) -> Features {
         let over = |sum: f64, n: u32| if n == 0 { 0.0 } else { (sum / f64::from(n)) as f32 };
         Features {

@@ -1,0 +1,145 @@
+//! Sixty-four paths side by side: arrays by quantity, and functions compiled for each instruction set.
+//!
+//! There is no vector type here. A stage is a loop over arrays, its body the same inlined functions that
+//! render one path at a time; compilers make vector code of it, and every lane gets the bits that the scalar
+//! code would have given it, because each operation rounds as before.
+
+use crate::math::Vec3;
+
+/// Paths in a wave.
+pub const WIDTH: usize = 64;
+/// Stages run over whole groups of this many lanes; those beyond the last path hold stale numbers, which
+/// nobody reads.
+const GROUP: usize = 16;
+
+/// A number for each path.
+pub(super) type Lane<T> = [T; WIDTH];
+
+/// Yes or no. As wide as a number: compilers cannot tell that arrays of different strides do not overlap, and
+/// then make no vector code.
+pub(super) type Flag = u32;
+pub(super) const NO: Flag = 0;
+pub(super) const YES: Flag = 1;
+
+/// How many lanes a stage runs over to cover `n` paths.
+#[inline(always)]
+pub(super) fn covering(n: usize) -> usize {
+    n.next_multiple_of(GROUP).min(WIDTH)
+}
+
+/// A vector for each path.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+pub(super) struct Lane3 {
+    x: Lane<f32>,
+    y: Lane<f32>,
+    z: Lane<f32>,
+}
+
+impl Lane3 {
+    pub const ZERO: Self = Self { x: [0.0; WIDTH], y: [0.0; WIDTH], z: [0.0; WIDTH] };
+
+    #[inline(always)]
+    pub fn at(&self, i: usize) -> Vec3 {
+        Vec3::new(self.x[i], self.y[i], self.z[i])
+    }
+
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, v: Vec3) {
+        (self.x[i], self.y[i], self.z[i]) = (v.x, v.y, v.z);
+    }
+
+    /// Move a path to another lane.
+    #[inline(always)]
+    pub fn shift(&mut self, from: usize, to: usize) {
+        (self.x[to], self.y[to], self.z[to]) = (self.x[from], self.y[from], self.z[from]);
+    }
+}
+
+/// The instructions that stages are compiled for. It changes the speed and nothing else.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Compiled {
+    /// 512-bit vectors.
+    Avx512,
+    /// 256-bit vectors.
+    Avx2,
+    /// What every processor of the kind has.
+    Baseline,
+}
+
+impl Compiled {
+    /// All of them, the fastest first.
+    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Baseline];
+
+    /// The fastest one that this processor has.
+    #[must_use]
+    pub fn detect() -> Self {
+        Self::ALL.into_iter().find(|compiled| compiled.is_available()).unwrap_or(Self::Baseline)
+    }
+
+    /// Whether this processor has it.
+    #[must_use]
+    pub fn is_available(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2"),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx512 | Self::Avx2 => false,
+            Self::Baseline => true,
+        }
+    }
+}
+
+/// An instruction set that this processor was seen to have.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Proven(Compiled);
+
+impl Proven {
+    /// `None` where the processor lacks it.
+    pub fn new(compiled: Compiled) -> Option<Self> {
+        compiled.is_available().then_some(Self(compiled))
+    }
+
+    pub fn compiled(self) -> Compiled {
+        self.0
+    }
+}
+
+/// A function with a copy for each instruction set; the first argument says which one runs.
+macro_rules! stage {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
+        $(#[$meta])*
+        #[allow(clippy::too_many_arguments)]
+        $vis fn $name(proven: $crate::integrator::wave::lanes::Proven, $($argument: $type),*) {
+            #[inline(always)]
+            fn baseline($($argument: $type),*) $body
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2")]
+            fn avx2($($argument: $type),*) {
+                baseline($($argument),*);
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+            fn avx512($($argument: $type),*) {
+                baseline($($argument),*);
+            }
+            match proven.compiled() {
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: `proven` exists only where the processor has these instructions.
+                $crate::integrator::wave::lanes::Compiled::Avx512 => unsafe { avx512($($argument),*) },
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: as above.
+                $crate::integrator::wave::lanes::Compiled::Avx2 => unsafe { avx2($($argument),*) },
+                _ => baseline($($argument),*),
+            }
+        }
+    };
+}
+pub(super) use stage;

@@ -1,0 +1,151 @@
+//! The stages that all paths of a wave go through alike: loops without branches over whole groups of lanes.
+
+use super::{
+    lanes::{Flag, YES, covering, stage},
+    state::{Came, Scatters, Wave},
+};
+use crate::{
+    geometry::{spawn, spawn_to, surface::triangle_point},
+    integrator::power_heuristic,
+    light::Lamp,
+    math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
+    sampler::default_two,
+};
+
+stage! {
+    /// Points on triangles, with error bounds and normals.
+    pub(super) fn triangle_points(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let corners = [w.corners[0].at(i), w.corners[1].at(i), w.corners[2].at(i)];
+            let point = triangle_point(corners, w.b1[i], w.b2[i]);
+            w.p.set(i, point.p);
+            w.p_error.set(i, point.p_error);
+            w.ng.set(i, point.ng);
+        }
+    }
+}
+
+stage! {
+    /// Local frames, and the way back in them.
+    pub(super) fn frames(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let ng = w.ng.at(i);
+            let to_eye = -w.direction.at(i).normalize();
+            let frame = Frame::from_normal(ng);
+            let front = to_eye.dot(ng) > 0.0;
+            w.tangent.set(i, frame.t);
+            w.bitangent.set(i, frame.b);
+            w.front[i] = Flag::from(front);
+            w.wo.set(i, frame.to_local(to_eye));
+            let n = select3(front, ng, -ng);
+            w.n_reflecting.set(i, select3(w.transmissive[i] == YES, Rgb::ZERO, n));
+        }
+    }
+}
+
+stage! {
+    /// A pair of numbers for each path, of the default sampler.
+    pub(super) fn draw_two(w: &mut Wave, dimension: u32) {
+        for i in 0..covering(w.n) {
+            let u = default_two(w.key[i], w.index[i], dimension);
+            (w.u[0][i], w.u[1][i]) = (u.x, u.y);
+        }
+    }
+}
+
+stage! {
+    /// A point on a rectangle for each path, uniform over the solid angle. `infinite` marks those for which
+    /// that cannot be done.
+    pub(super) fn rectangle_light(w: &mut Wave, lamp: &Lamp) {
+        let lamp = *lamp;
+        for i in 0..covering(w.n) {
+            let p = w.p.at(i);
+            let sample = lamp.sample(p, Vec2::new(w.u[0][i], w.u[1][i]));
+            w.wi.set(i, sample.wi);
+            w.light.set(i, sample.point);
+            w.light_error.set(i, sample.point_error);
+            w.light_ng.set(i, sample.ng);
+            w.light_radiance.set(i, sample.radiance);
+            w.light_pdf[i] = sample.pdf;
+            w.lit[i] = Flag::from(sample.valid & sample.precise);
+            w.infinite[i] = Flag::from(sample.valid & !sample.precise);
+        }
+    }
+}
+
+stage! {
+    /// What light samples bring by way of Lambert's law.
+    pub(super) fn direct_diffuse(w: &mut Wave, mis: bool) {
+        for i in 0..covering(w.n) {
+            let diffuse = w.scatters[i] as u32 == Scatters::Diffuse as u32;
+            let frame = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: w.ng.at(i) };
+            let (light_wi, wo_z) = (w.wi.at(i), w.wo.at(i).z);
+            let wi = frame.to_local(light_wi);
+            let transmission = (wi.z > 0.0) != (wo_z > 0.0);
+            let passes = (light_wi.dot(frame.n) > 0.0) != (w.front[i] == YES);
+            let above = (wo_z > 0.0) & (wi.z > 0.0) | (w.two_sided[i] == YES) & (wo_z < 0.0) & (wi.z < 0.0);
+            let scatter_pdf = wi.z.abs() * INV_PI;
+            let f_cos = w.reflectance.at(i) * scatter_pdf;
+            let (signed, pdf) = (w.light_pdf[i], w.light_pdf[i].abs());
+            let weight = select(mis & (signed > 0.0), power_heuristic(pdf, scatter_pdf), 1.0);
+            let brings = f_cos * w.light_radiance.at(i) * (weight / pdf);
+            let some = (brings.x != 0.0) | (brings.y != 0.0) | (brings.z != 0.0);
+            let lit = (w.lit[i] == YES) & (!diffuse | (transmission == passes) & above & some);
+            w.lit[i] = Flag::from(lit);
+            w.brings.set(i, brings);
+        }
+    }
+}
+
+stage! {
+    /// Rays from the surface to the light.
+    pub(super) fn shadow_rays(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let (p, error, ng) = (w.p.at(i), w.p_error.at(i), w.ng.at(i));
+            let ray = spawn_to(p, error, ng, w.light.at(i), w.light_error.at(i), w.light_ng.at(i));
+            w.shadow_origin.set(i, ray.origin);
+            w.shadow_direction.set(i, ray.direction);
+            w.shadow_t_max[i] = ray.t_max;
+        }
+    }
+}
+
+stage! {
+    /// A direction by Lambert's law for each path. Lanes of other materials are left alone, but for
+    /// `alive`, which they are asked for again.
+    pub(super) fn scatter_diffuse(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let diffuse = w.scatters[i] as u32 == Scatters::Diffuse as u32;
+            let wo_z = w.wo.at(i).z;
+            let back = wo_z < 0.0;
+            let scatters = (wo_z > 0.0) | back & (w.two_sided[i] == YES);
+            let mut local = cosine_hemisphere(Vec2::new(w.u[0][i], w.u[1][i]));
+            let pdf = local.z * INV_PI;
+            local.z = select(back, -local.z, local.z);
+            let ng = w.ng.at(i);
+            let wi = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: ng }.to_world(local);
+            let agrees = (wi.dot(ng) > 0.0) == (w.front[i] == YES);
+            let throughput = w.throughput.at(i);
+            let scattered = throughput * w.reflectance.at(i);
+            w.wi.set(i, wi);
+            w.throughput.set(i, select3(diffuse, scattered, throughput));
+            w.pdf[i] = select(diffuse, pdf, w.pdf[i]);
+            w.alive[i] = Flag::from(scatters & agrees);
+            w.came[i] = Came::Sampled;
+        }
+    }
+}
+
+stage! {
+    /// Rays along the directions chosen, from the surface.
+    pub(super) fn spawn_rays(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let ray = spawn(w.p.at(i), w.p_error.at(i), w.ng.at(i), w.wi.at(i));
+            w.origin.set(i, ray.origin);
+            w.direction.set(i, ray.direction);
+            w.t_max[i] = ray.t_max;
+            w.from.set(i, w.p.at(i));
+            w.from_n.set(i, w.n_reflecting.at(i));
+        }
+    }
+}

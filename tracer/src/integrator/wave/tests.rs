@@ -1,0 +1,155 @@
+//! Waves against one path at a time, bit for bit.
+
+use std::collections::HashMap;
+
+use common::{
+    method::{Direct, LightPick, LightSampling, Method, Only, Sampler as Kind},
+    scene::SceneFile,
+};
+use serde_json::json;
+
+use super::*;
+use crate::{
+    integrator::{End, Probe, Vertex},
+    testing::prepare,
+};
+
+/// A box of walls with two blocks' worth of materials: what stages know, and what they do not.
+fn scene(lights: serde_json::Value, extra: serde_json::Value) -> SceneFile {
+    let mut shapes = vec![
+        json!({ "type": "quad", "material": "wall", "vertices": [[-3, 0, -3], [-3, 0, 3], [3, 0, 3], [3, 0, -3]] }),
+        json!({ "type": "quad", "material": "red", "vertices": [[-3, 0, -3], [3, 0, -3], [3, 4, -3], [-3, 4, -3]] }),
+        json!({ "type": "quad", "material": "one-sided", "vertices": [[-3, 0, 3], [-3, 0, -3], [-3, 4, -3], [-3, 4, 3]] }),
+        json!({ "type": "sphere", "material": "wall", "center": [1, 0.7, 0], "radius": 0.7 }),
+        json!({ "type": "disk", "material": "black", "center": [-1, 0.5, 1], "normal": [0.3, 1, 0.2], "radius": 0.6 }),
+    ];
+    shapes.extend(lights["shapes"].as_array().cloned().unwrap_or_default());
+    shapes.extend(extra.as_array().cloned().unwrap_or_default());
+    let mut scene = json!({
+        "tessera": 1,
+        "camera": { "position": [0, 1.5, 7], "target": [0, 1.2, 0], "fov": 50, "lens_radius": 0.05 },
+        "film": { "width": 24, "height": 16 },
+        "materials": {
+            "wall": { "type": "diffuse", "reflectance": [0.7, 0.6, 0.5] },
+            "red": { "type": "diffuse", "reflectance": [0.6, 0.1, 0.1] },
+            "one-sided": { "type": "diffuse", "reflectance": 0.8, "two_sided": false },
+            "black": { "type": "diffuse", "reflectance": 0 },
+            "mirror": { "type": "mirror" },
+            "glass": { "type": "dielectric" },
+            "frosted": { "type": "dielectric", "roughness": 0.3 },
+            "metal": { "type": "conductor", "metal": "Au", "roughness": 0.2 },
+            "coat": { "type": "plastic", "reflectance": 0.5, "roughness": 0.1 }
+        },
+        "shapes": shapes
+    });
+    for key in ["lights", "environment"] {
+        if !lights[key].is_null() {
+            scene[key] = lights[key].clone();
+        }
+    }
+    SceneFile::parse(scene.to_string().as_bytes()).unwrap()
+}
+
+fn balls() -> serde_json::Value {
+    let ball = |material: &str, x: f64| json!({ "type": "sphere", "material": material, "center": [x, 1.6, 0.5], "radius": 0.35 });
+    json!([ball("mirror", -2.0), ball("glass", -1.0), ball("frosted", 0.0), ball("metal", 1.0), ball("coat", 2.0)])
+}
+
+fn lamp() -> serde_json::Value {
+    json!({ "type": "quad", "vertices": [[-1, 3.9, -1], [1, 3.9, -1], [1, 3.9, 1], [-1, 3.9, 1]], "emission": [9, 7, 5] })
+}
+
+/// What a probe sees of the first hit.
+#[derive(Default)]
+struct First(Option<FirstHit>);
+
+impl Probe for First {
+    fn vertex(&mut self, vertex: &Vertex) {
+        let Vertex { albedo, ns, camera_depth, .. } = *vertex;
+        self.0.get_or_insert(FirstHit { albedo, ns, camera_depth });
+    }
+
+    fn end(&mut self, _: End, _: Rgb) {}
+}
+
+/// Render every pixel both ways; how many samples carried light.
+fn compare(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled: Compiled) -> usize {
+    let Some(mut wave) = Wave::compiled_for(compiled) else { return usize::MAX };
+    let prepared = prepare(scene, method);
+    let integrator = Integrator::new(prepared.scene(), method);
+    assert!(integrator.has_wave(), "{name}");
+    let sampler = Sampler::new(method.sampler, 7, 1, batch);
+    let requests: Vec<[u32; 3]> =
+        (0..16).flat_map(|y| (0..24).flat_map(move |x| (0..9).map(move |s| [x, y, s * 5]))).collect();
+    let (mut bright, mut counters, mut expected_counters) = (0, Counters::default(), Counters::default());
+    // Waves that are full, and some that are not.
+    for chunk in requests.chunks(WIDTH).chain(requests.chunks(11).take(20)) {
+        integrator.wave(&mut wave, &sampler, chunk, &mut counters);
+        for (i, &[x, y, sample]) in chunk.iter().enumerate() {
+            let mut first = First::default();
+            let stream = sampler.stream(x, y, sample);
+            let expected = integrator.probed(x, y, &stream, &mut expected_counters, &mut first);
+            let found = wave.traced(i);
+            assert_eq!(found.sample, expected, "{name}: pixel {x},{y} sample {sample}");
+            assert_eq!(found.first, first.0, "{name}: pixel {x},{y} sample {sample}");
+            bright += usize::from(expected.radiance != Rgb::ZERO);
+        }
+    }
+    assert_eq!(counters, expected_counters, "{name}");
+    bright
+}
+
+#[test]
+fn every_sample_has_the_bits_of_one_path_alone() {
+    let lamps = HashMap::from([
+        ("a rectangle", json!({ "shapes": [lamp()] })),
+        (
+            "a triangle",
+            json!({ "shapes": [{ "type": "mesh", "positions": [[-1, 3.9, -1], [1, 3.9, -1], [0, 3.9, 1]],
+                "triangles": [[0, 1, 2]], "emission": 8 }] }),
+        ),
+        ("a sphere", json!({ "shapes": [{ "type": "sphere", "center": [0, 3, 0], "radius": 0.3, "emission": 20 }] })),
+        ("a point", json!({ "lights": [{ "type": "point", "position": [0, 3, 1], "intensity": 9 }] })),
+        ("a sky", json!({ "environment": { "type": "constant", "radiance": [0.5, 0.7, 1] } })),
+        (
+            "several",
+            json!({ "shapes": [lamp()], "lights": [{ "type": "point", "position": [0, 3, 1], "intensity": 9 }],
+                "environment": { "type": "constant", "radiance": 0.2 } }),
+        ),
+        ("none", json!({})),
+    ]);
+    let mut methods = vec![("default".to_owned(), Method::default())];
+    let mut add = |name: &str, change: &dyn Fn(&mut Method)| {
+        let mut method = Method::default();
+        change(&mut method);
+        methods.push((name.to_owned(), method));
+    };
+    add("no bounces", &|m| m.max_depth = 0);
+    add("one bounce", &|m| m.max_depth = 1);
+    add("light", &|m| (m.direct, m.max_depth) = (Direct::Light, 3));
+    add("direct", &|m| m.only = Some(Only::Direct));
+    add("indirect", &|m| m.only = Some(Only::Indirect));
+    add("area", &|m| (m.light_sampling, m.light_pick) = (Some(LightSampling::Area), Some(LightPick::Power)));
+    add("independent", &|m| m.sampler = Kind::Independent);
+    add("stratified", &|m| m.sampler = Kind::Stratified);
+    for (lamp, lights) in &lamps {
+        for (method_name, method) in &methods {
+            for extra in [json!([]), balls()] {
+                let scene = scene(lights.clone(), extra);
+                let bright = compare(&format!("{lamp}, {method_name}"), &scene, method, 16, Compiled::detect());
+                // Without a bounce only lamps that the camera sees are bright.
+                assert!(bright > 0 || lamp == &"none" || method.max_depth == 0, "{lamp}, {method_name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn instructions_do_not_show() {
+    let scene = scene(json!({ "shapes": [lamp()] }), balls());
+    for compiled in Compiled::ALL {
+        for batch in [16, 5] {
+            assert!(compare(&format!("{compiled:?}"), &scene, &Method::default(), batch, compiled) > 1000);
+        }
+    }
+}
