@@ -1,5 +1,7 @@
 //! No ray leaves a closed mesh unseen.
 
+use glam::{DMat3, DQuat};
+
 use super::*;
 
 /// Rays from points inside: in random directions, and at every corner and every middle of an edge.
@@ -41,6 +43,82 @@ fn watertight_from_inside_a_closed_sphere_wherever_it_is() {
             assert_eq!(leaks, 0, "any hit, {instructions:?} at {at}");
         }
     }
+}
+
+/// A floor of many triangles far away: rays down at its corners, the middles of its edges, and anywhere.
+#[test]
+fn watertight_on_a_plane_far_away() {
+    const N: u32 = 24;
+    let at = |i: u32, j: u32| (FAR + DVec3::new(f64::from(i), 0.3 * f64::from(i + j), f64::from(j)) * 4.0).as_vec3();
+    let number = |i: u32, j: u32| i * (N + 1) + j;
+    let positions = (0..=N).flat_map(|i| (0..=N).map(move |j| at(i, j))).collect();
+    let cells = (0..N).flat_map(|i| (0..N).map(move |j| (i, j)));
+    let triangles = cells.flat_map(|(i, j)| {
+        let [a, b, c, d] = [number(i, j), number(i, j + 1), number(i + 1, j + 1), number(i + 1, j)];
+        [[a, b, c], [a, c, d]]
+    });
+    let mesh = TriangleMesh { positions, triangles: triangles.collect() };
+    let mut random = Random(8);
+    let mut rays = Vec::new();
+    let mut aim = |p: Vec3| {
+        let origin = p + Vec3::new(random.signed(), 1.5, random.signed()) * 20.0;
+        rays.push(Ray::new(origin, p - origin));
+    };
+    for i in 1..N {
+        for j in 1..N {
+            let p = at(i, j);
+            aim(p);
+            for next in [at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)] {
+                aim((p + next) * 0.5);
+            }
+        }
+    }
+    let mut places = Random(9);
+    for _ in 0..20_000 {
+        let mut place = || 1.0 + places.unit() * f64::from(N - 2);
+        let (x, z) = (place(), place());
+        aim((FAR + DVec3::new(x, 0.3 * (x + z), z) * 4.0).as_vec3());
+    }
+    for instructions in all_instructions() {
+        let accel = accel_for(world_of(mesh.clone()), instructions);
+        let leaks = rays.iter().filter(|ray| closest(&accel, ray).is_none() || !occluded(&accel, ray)).count();
+        assert_eq!(leaks, 0, "{instructions:?}, {} rays", rays.len());
+    }
+}
+
+/// Slivers are hit where they are and nowhere else: a ray that passes one by ten times its own width, or beyond its
+/// end, finds nothing (Embree issue 387).
+#[test]
+fn slivers_are_met_where_they_are() {
+    let mut random = Random(6);
+    let (mut met, mut tried) = (0, 0);
+    for i in 0..20_000 {
+        let width = 10f64.powi(-2 - i % 4);
+        let turn = DMat3::from_quat(DQuat::from_axis_angle(random.direction(), 6.0 * random.unit()));
+        let place = random.direction() * 2.0;
+        let map = |p: DVec3| (turn * p + place).as_vec3();
+        // Along x, `width` high in the middle, in the plane z = 0.
+        let corners = [DVec3::new(-1.0, 0.0, 0.0), DVec3::new(1.0, 0.0, 0.0), DVec3::new(0.1, width, 0.0)];
+        let mesh = TriangleMesh { positions: corners.map(map).to_vec(), triangles: vec![[0, 1, 2]] };
+        let accel = Accel::build(world_of(mesh), TriangleTest::Watertight);
+        let x = 1.8 * random.unit() - 0.9;
+        let from = DVec3::new(x + 0.5 * random.unit(), 0.7 * random.unit(), 3.0);
+        let shot = |target: DVec3| {
+            let (origin, target) = (map(from), map(target));
+            closest(&accel, &Ray::new(origin, target - origin)).is_some()
+        };
+        let top = width * (1.0 - (x - 0.1).abs() / if x > 0.1 { 0.9 } else { 1.1 });
+        for past in [top + 10.0 * width, -10.0 * width] {
+            assert!(!shot(DVec3::new(x, past, 0.0)), "width {width}: hit at {past}, top {top}");
+        }
+        assert!(!shot(DVec3::new(1.0 + 10.0 * width, 0.0, 0.0)), "width {width}: hit beyond its end");
+        // Its middle, as far as f32 can aim at it.
+        if width >= 1e-4 && top > 0.2 * width {
+            tried += 1;
+            met += usize::from(shot(DVec3::new(x, 0.5 * top, 0.0)));
+        }
+    }
+    assert!(tried > 10_000 && met == tried, "{met} of {tried}");
 }
 
 /// The same rays through the textbook's test do leak: the test above can fail.
