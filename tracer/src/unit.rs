@@ -89,10 +89,20 @@ impl Prepared {
     ) {
         let (integrator, sampler) = (Integrator::new(&self.0, &settings.method), sampler(settings));
         let mut counters = Counters::default();
-        for column in 0..settings.resolution[0] {
-            for number in samples.clone() {
-                let stream = sampler.stream(column, row, number);
-                visit(column, number, integrator.sample(column, row, &stream, &mut counters).radiance);
+        let all = (0..settings.resolution[0]).flat_map(|x| samples.clone().map(move |number| [x, row, number]));
+        if !integrator.has_wave() {
+            for [x, y, number] in all {
+                let stream = sampler.stream(x, y, number);
+                visit(x, number, integrator.sample(x, y, &stream, &mut counters).radiance);
+            }
+            return;
+        }
+        let requests: Vec<[u32; 3]> = all.collect();
+        let mut wave = Wave::new();
+        for requests in requests.chunks(WIDTH) {
+            integrator.wave(&mut wave, &sampler, requests, &mut counters);
+            for (i, &[x, _, number]) in requests.iter().enumerate() {
+                visit(x, number, wave.traced(i).sample.radiance);
             }
         }
     }
