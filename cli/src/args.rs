@@ -47,6 +47,8 @@ pub enum Command {
     Pause(JobArgs),
     /// Go on with a paused job
     Resume(JobArgs),
+    /// Let a finished job go on to a finer target; every sample is kept
+    Continue(ContinueArgs),
     /// List the workers of a farm
     Workers(FarmArgs),
     /// Check and convert scene files
@@ -187,6 +189,25 @@ pub struct JobArgs {
     pub farm: FarmArgs,
 }
 
+/// Options of `continue`.
+#[derive(Debug, Args)]
+pub struct ContinueArgs {
+    /// The job, such as j17
+    pub job: JobId,
+    /// Follow the job to its end
+    #[arg(long)]
+    pub watch: bool,
+    /// With --watch: a folder for all images, or one image as FILE.png or FILE.exr
+    #[arg(short, long, value_name = "OUT", requires = "watch")]
+    pub output: Option<PathBuf>,
+    /// The finer target.
+    #[command(flatten)]
+    pub target: TargetOptions,
+    /// Where the farm is.
+    #[command(flatten)]
+    pub farm: FarmArgs,
+}
+
 /// Options of `coordinator`.
 #[derive(Debug, Args)]
 pub struct CoordinatorArgs {
@@ -221,9 +242,9 @@ pub struct WorkerArgs {
     pub cache: Option<PathBuf>,
 }
 
-/// What to render: shared by the commands that make jobs.
+/// How exact the picture must be.
 #[derive(Debug, Default, Clone, PartialEq, Args)]
-pub struct JobOptions {
+pub struct TargetOptions {
     /// Samples of every pixel; beside another target, the most a pixel gets
     #[arg(long, value_name = "N", help_heading = "Target", value_parser = samples(), conflicts_with = "max_samples")]
     pub samples: Option<u32>,
@@ -236,6 +257,14 @@ pub struct JobOptions {
     /// Most samples of a pixel
     #[arg(long, value_name = "N", help_heading = "Target", value_parser = samples())]
     pub max_samples: Option<u32>,
+}
+
+/// What to render: shared by the commands that make jobs.
+#[derive(Debug, Default, Clone, PartialEq, Args)]
+pub struct JobOptions {
+    /// How exact the picture must be.
+    #[command(flatten)]
+    pub target: TargetOptions,
 
     /// Width and height in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", help_heading = "Image", value_parser = resolution)]
@@ -362,11 +391,16 @@ mod tests {
     fn options_take_what_the_documentation_says() {
         let is = |options: &str, expected: JobOptions| assert_eq!(render(options), Ok(expected), "{options}");
         let none = JobOptions::default;
+        let target = |target| JobOptions { target, ..JobOptions::default() };
+        let any = TargetOptions::default;
         is("", none());
-        is("--samples 64", JobOptions { samples: Some(64), ..none() });
-        is("--noise 0.05 --max-samples 512", JobOptions { noise: Some(0.05), max_samples: Some(512), ..none() });
-        is("--noise 0.05 --samples 512", JobOptions { noise: Some(0.05), samples: Some(512), ..none() });
-        is("--time 30", JobOptions { time: Some(30.0), ..none() });
+        is("--samples 64", target(TargetOptions { samples: Some(64), ..any() }));
+        is(
+            "--noise 0.05 --max-samples 512",
+            target(TargetOptions { noise: Some(0.05), max_samples: Some(512), ..any() }),
+        );
+        is("--noise 0.05 --samples 512", target(TargetOptions { noise: Some(0.05), samples: Some(512), ..any() }));
+        is("--time 30", target(TargetOptions { time: Some(30.0), ..any() }));
         is("--resolution 640x480", JobOptions { resolution: Some([640, 480]), ..none() });
         is("--frames 1-10x2", JobOptions { frames: "1,3,5,7,9".parse().ok(), ..none() });
         is("--crop 1,2,3,4", JobOptions { crop: Some([1, 2, 3, 4]), ..none() });
@@ -443,6 +477,8 @@ mod tests {
             "cancel j3",
             "pause j3",
             "resume j3 --json",
+            "continue j3 --noise 0.02 --watch -o out --json",
+            "continue j3 --samples 256",
             "workers",
             "scene check s.json",
             "scene convert a.obj b.json",

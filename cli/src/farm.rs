@@ -6,7 +6,7 @@ use bytes::Bytes;
 use common::{
     hash::AssetHash,
     job::{JobId, JobRequest},
-    protocol::{JobList, JobView, WorkerList},
+    protocol::{JobList, JobPatch, JobView, WorkerList},
 };
 use reqwest::{Method, StatusCode};
 use worker::{CallError, Endpoint, endpoint::transfer_timeout, link::Link};
@@ -126,6 +126,15 @@ impl Farm {
         let endpoint = &self.link.endpoint;
         endpoint.send(endpoint.request(Method::POST, &format!("/jobs/{id}/{action}"))).await?;
         self.job(id).await
+    }
+
+    /// Change a job.
+    ///
+    /// # Errors
+    /// The farm is away, has no such job, or refuses the change.
+    pub async fn patch(&self, id: JobId, patch: &JobPatch) -> Result<JobView, CallError> {
+        let endpoint = &self.link.endpoint;
+        endpoint.fetch(endpoint.request(Method::PATCH, &format!("/jobs/{id}")).json(patch)).await
     }
 
     /// The newest jobs, `limit` at most.

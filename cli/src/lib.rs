@@ -5,6 +5,7 @@
 
 mod args;
 mod bundle;
+mod continued;
 mod error;
 mod farm;
 mod jobs;
@@ -69,6 +70,7 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Cancel(args) => jobs::act(args, "cancel").await,
         Command::Pause(args) => jobs::act(args, "pause").await,
         Command::Resume(args) => jobs::act(args, "resume").await,
+        Command::Continue(args) => continued::go_on(args).await,
         Command::Workers(args) => jobs::workers(args).await,
         Command::Scene(command) => scene::scene(command),
         Command::Stability(args) => Ok(stability::command(args)?),

@@ -45,12 +45,46 @@ pub struct Report {
     pub pixels_missed: Option<u64>,
     /// Whether the target was met; a noise target may be missed at the most samples allowed.
     pub target_met: bool,
+    /// What was forecast, beside what came true.
+    pub forecast: Vec<Foretold>,
     /// Workers that handed in a result.
     pub workers: u32,
     /// Units that were given out again because a worker was lost, left or failed.
     pub attempts: u64,
     /// Samples that were not finite and were left out.
     pub rejected: u64,
+}
+
+/// A forecast beside what came true.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Foretold {
+    /// Share of the forecast processor seconds that were spent when it was made.
+    pub made_at_progress: f64,
+    /// Seconds after the first lease when it was made.
+    pub made_at_seconds: f64,
+    /// Camera samples of the whole job.
+    pub samples: Compared,
+    /// Processor seconds of the whole job.
+    pub cpu_seconds: Compared,
+    /// Seconds from the first lease to the end.
+    pub wall_seconds: Compared,
+}
+
+/// A number that was foreseen, and what it became.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Compared {
+    /// As it was foreseen.
+    pub predicted: f64,
+    /// As it came.
+    pub actual: f64,
+    /// `predicted / actual`.
+    pub ratio: f64,
+}
+
+impl Compared {
+    fn of(predicted: f64, actual: f64) -> Self {
+        Self { predicted, actual, ratio: if actual > 0.0 { predicted / actual } else { 1.0 } }
+    }
 }
 
 /// Camera samples.
@@ -119,6 +153,17 @@ impl Report {
             error_share: FRAME_SHARE,
             pixels_missed: job.frames.iter().map(|frame| frame.pixels_missed).sum(),
             target_met: target_met(job),
+            forecast: job
+                .forecasts
+                .iter()
+                .map(|f| Foretold {
+                    made_at_progress: f.progress,
+                    made_at_seconds: f.made_at_seconds,
+                    samples: Compared::of(f.samples, job.samples as f64),
+                    cpu_seconds: Compared::of(f.cpu_seconds, s.cpu_seconds),
+                    wall_seconds: Compared::of(f.wall_seconds, job.wall_seconds.unwrap_or(job_seconds)),
+                })
+                .collect(),
             workers: s.workers,
             attempts: s.retries,
             rejected: s.rejected,
@@ -166,7 +211,7 @@ pub(crate) mod tests {
     use common::{
         hash::AssetHash,
         method::Method,
-        protocol::{FrameView, JobStatistics},
+        protocol::{Forecast, FrameView, JobStatistics},
         tile::Rect,
     };
 
@@ -205,6 +250,14 @@ pub(crate) mod tests {
             tracer: None,
             created_at: String::new(),
             finished_at: None,
+            wall_seconds: Some(2.0),
+            forecasts: vec![Forecast {
+                progress: 0.2,
+                made_at_seconds: 0.5,
+                samples: 5000.0,
+                cpu_seconds: 2.4,
+                wall_seconds: 1.5,
+            }],
             statistics: JobStatistics {
                 rays: 8000,
                 node_tests: 80_000,
@@ -225,6 +278,9 @@ pub(crate) mod tests {
         assert_eq!(report.tests_per_ray, Tests { nodes: 10.0, triangles: 2.0 });
         assert_eq!(report.seconds.render, 1.25);
         assert_eq!(report.pixels_missed, Some(2));
+        let forecast = report.forecast[0];
+        assert_eq!(forecast.samples, Compared { predicted: 5000.0, actual: 4000.0, ratio: 1.25 });
+        assert_eq!((forecast.cpu_seconds.ratio, forecast.wall_seconds.ratio), (0.8, 0.75));
         assert_eq!(
             report.line(),
             "4.00 ksamples (20.0 a pixel, 128 at most) in 2.0 s, error 4.0% in 99% of pixels: target 10% met, \

@@ -6,7 +6,11 @@ use common::{
     protocol::RenderSettings,
 };
 
-use crate::{args::JobOptions, bundle::Bundle, error::Failure};
+use crate::{
+    args::{JobOptions, TargetOptions},
+    bundle::Bundle,
+    error::Failure,
+};
 
 /// The request that `options` make for a scene, checked.
 ///
@@ -17,7 +21,7 @@ pub fn of(options: &JobOptions, bundle: &Bundle) -> Result<JobRequest, Failure> 
     let request = JobRequest {
         frames: options.frames.clone(),
         resolution: options.resolution,
-        quality: quality(options, settings.quality.as_ref()),
+        quality: quality(&options.target, settings.quality.as_ref()),
         method: method(options),
         tile: options.tile.unwrap_or(DEFAULT_TILE),
         crop: options.crop,
@@ -59,8 +63,9 @@ pub fn settings(request: &JobRequest, bundle: &Bundle) -> Result<RenderSettings,
     Ok(RenderSettings { frame, resolution, method, seed: request.seed, batch })
 }
 
-/// The target asked for; `None` leaves it to the scene.
-fn quality(options: &JobOptions, scene: Option<&Quality>) -> Option<Quality> {
+/// The target asked for; `None` leaves it to the scene, or to the job that is continued.
+#[must_use]
+pub fn quality(options: &TargetOptions, scene: Option<&Quality>) -> Option<Quality> {
     let most = options.max_samples.or(options.samples);
     let noise = |relative_error| Quality::Noise {
         relative_error,
@@ -112,17 +117,17 @@ mod tests {
 
     #[test]
     fn the_target_follows_the_options_then_the_scene() {
-        let none = JobOptions::default;
+        let none = TargetOptions::default;
         let noise = |relative_error, max_samples| Quality::Noise { relative_error, confidence: 0.95, max_samples };
         let scene = noise(0.02, 100);
         for (options, expected) in [
             (none(), None),
-            (JobOptions { samples: Some(8), ..none() }, Some(Quality::Samples { samples: 8 })),
-            (JobOptions { noise: Some(0.5), ..none() }, Some(noise(0.5, 4096))),
-            (JobOptions { noise: Some(0.5), max_samples: Some(9), ..none() }, Some(noise(0.5, 9))),
-            (JobOptions { noise: Some(0.5), samples: Some(9), ..none() }, Some(noise(0.5, 9))),
-            (JobOptions { max_samples: Some(9), ..none() }, Some(noise(0.02, 9))),
-            (JobOptions { time: Some(2.0), ..none() }, Some(Quality::Time { cpu_seconds: 2.0, max_samples: 4096 })),
+            (TargetOptions { samples: Some(8), ..none() }, Some(Quality::Samples { samples: 8 })),
+            (TargetOptions { noise: Some(0.5), ..none() }, Some(noise(0.5, 4096))),
+            (TargetOptions { noise: Some(0.5), max_samples: Some(9), ..none() }, Some(noise(0.5, 9))),
+            (TargetOptions { noise: Some(0.5), samples: Some(9), ..none() }, Some(noise(0.5, 9))),
+            (TargetOptions { max_samples: Some(9), ..none() }, Some(noise(0.02, 9))),
+            (TargetOptions { time: Some(2.0), ..none() }, Some(Quality::Time { cpu_seconds: 2.0, max_samples: 4096 })),
         ] {
             assert_eq!(quality(&options, Some(&scene)), expected, "{options:?}");
         }

@@ -299,8 +299,30 @@ pub struct JobView {
     /// When it ended, RFC 3339.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finished_at: Option<String>,
+    /// Seconds from its first lease to its end, or until now.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall_seconds: Option<f64>,
+    /// What was forecast of it: when the pilot of its first frame was done, and at a quarter and half of the
+    /// work.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub forecasts: Vec<Forecast>,
     /// What it cost so far.
     pub statistics: JobStatistics,
+}
+
+/// What a job is to cost in the end, as foreseen from the errors and costs measured so far.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Forecast {
+    /// Share of the processor seconds that were spent when it was made, 0 to 1.
+    pub progress: f64,
+    /// Seconds after the first lease when it was made.
+    pub made_at_seconds: f64,
+    /// Samples in the end.
+    pub samples: f64,
+    /// Processor seconds in the end.
+    pub cpu_seconds: f64,
+    /// Seconds from the first lease to the end.
+    pub wall_seconds: f64,
 }
 
 /// Work and time of a job so far.

@@ -26,6 +26,12 @@ pub fn stamp() -> String {
     rfc3339(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs()))
 }
 
+/// The present moment, seconds since 1970: for spans that outlast a restart.
+#[must_use]
+pub fn unix() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+}
+
 /// Seconds since 1970 as RFC 3339; the calendar by Hinnant's `civil_from_days`.
 fn rfc3339(seconds: u64) -> String {
     let (days, rest) = (seconds / 86_400, seconds % 86_400);

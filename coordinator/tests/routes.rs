@@ -81,7 +81,11 @@ async fn bad_jobs_are_refused_by_the_field() {
         (&|b: &mut Value| b["tile"] = json!(4), "tile", "8 to 1024"),
         (&|b: &mut Value| b["priority"] = json!(101), "priority", "0 to 100"),
         (&|b: &mut Value| b["quality"]["samples"] = json!(0), "quality.samples", "0 samples"),
-        (&|b: &mut Value| b["quality"] = json!({ "target": "time", "cpu_seconds": 5 }), "quality.target", "time"),
+        (
+            &|b: &mut Value| b["quality"] = json!({ "target": "time", "cpu_seconds": 0 }),
+            "quality.cpu_seconds",
+            "positive",
+        ),
         (&|b: &mut Value| b["method"] = json!({ "max_depth": 100_000 }), "method.max_depth", "10000"),
         (&|b: &mut Value| b["method"] = json!({ "adaptive": "on" }), "method.adaptive", "fixed"),
         (&|b: &mut Value| b["resolution"] = json!([100_000, 100]), "resolution", "100000x100"),
@@ -178,7 +182,7 @@ async fn a_patch_changes_what_it_may() {
     let fewer = json!({ "quality": { "target": "samples", "samples": 16 } });
     refused(&patch(fewer).await, 422, "invalid", Some("quality.samples"), "less than");
     let noise = json!({ "quality": { "target": "noise", "relative_error": 0.01 } });
-    refused(&patch(noise).await, 422, "invalid", Some("quality"), "new job");
+    refused(&patch(noise).await, 409, "conflict", None, "when the job is completed");
 }
 
 #[tokio::test]

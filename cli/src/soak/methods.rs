@@ -41,7 +41,7 @@ pub fn words(options: &JobOptions) -> String {
     let mut words = Vec::new();
     let mut add = |name: &str, value: Option<String>| words.extend(value.map(|value| format!("--{name} {value}")));
     add("resolution", options.resolution.map(|[w, h]| format!("{w}x{h}")));
-    add("samples", options.samples.map(|n| n.to_string()));
+    add("samples", options.target.samples.map(|n| n.to_string()));
     add("seed", options.seed.map(|n| n.to_string()));
     add("max-depth", options.max_depth.map(|n| n.to_string()));
     add("direct", options.direct.map(|choice| choice.to_string()));

@@ -12,7 +12,12 @@ use std::{
 use tracer::math::Rgb;
 
 use super::methods::{self, method, words};
-use crate::{args::JobOptions, bundle::Bundle, error::Failure, request};
+use crate::{
+    args::{JobOptions, TargetOptions},
+    bundle::Bundle,
+    error::Failure,
+    request,
+};
 
 /// Longest edge of an image: what it shows is not of interest, and long rows of pixels are alike.
 const LONGEST_EDGE: u32 = 128;
@@ -172,7 +177,8 @@ fn case(subject: &Subject, options: JobOptions, samples: u64) -> Result<Tally, F
     let pixels = u64::from(w) * u64::from(h);
     let each = u32::try_from(samples.div_ceil(pixels).clamp(1, common::job::MAX_SAMPLES.into()));
     let each = each.map_err(|_| Failure::Input(format!("--samples: {samples} are too many of one scene")))?;
-    let options = JobOptions { resolution: Some([w, h]), samples: Some(each), ..options };
+    let target = TargetOptions { samples: Some(each), ..TargetOptions::default() };
+    let options = JobOptions { resolution: Some([w, h]), target, ..options };
     let request = request::of(&options, &bundle)?;
     let settings = request::settings(&request, &bundle)?;
     let prepared = bundle.load(&request)?.build();

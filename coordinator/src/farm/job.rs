@@ -89,8 +89,10 @@ pub(super) struct Job {
     pub(super) cost: Cost,
     pub(super) samples: Rate,
     pub(super) retries: u64,
-    /// Progress over the last seconds, for the time that is left.
-    pub(super) history: VecDeque<(f64, f64)>,
+    /// Processor seconds of all results since it came here.
+    pub(super) delivered: f64,
+    /// Time, progress and processor seconds over the last seconds, for the time that is left.
+    pub(super) history: VecDeque<(f64, f64, f64)>,
 }
 
 #[derive(Debug)]
@@ -213,6 +215,7 @@ impl Job {
             cost: Cost::default(),
             samples: Rate::default(),
             retries: 0,
+            delivered: 0.0,
             history: VecDeque::new(),
         }
     }
@@ -334,6 +337,21 @@ impl Job {
         }
     }
 
+    /// A finished frame is gone over again.
+    pub(super) fn reopen_frame(&mut self, number: u32, passes: u32, out: &mut Vec<Effect>) {
+        let Some(open) = self.open_mut(number) else { return };
+        if !std::mem::take(&mut open.measuring) {
+            return;
+        }
+        open.unfinished = open.tiles.len() as u32;
+        for tile in &mut open.tiles {
+            (tile.passes, tile.phase, tile.parts) = (passes, Phase::Waiting, None);
+        }
+        for tile in 0..open.tiles.len() as u32 {
+            self.plan_if_ready(number, tile, out);
+        }
+    }
+
     pub(super) fn skip_done(&mut self) {
         while self.frames.get(self.first).is_some_and(|frame| matches!(frame.stage, Stage::Done)) {
             self.first += 1;
@@ -365,12 +383,12 @@ impl Job {
             self.history.clear();
             return;
         }
-        if self.history.back().is_some_and(|&(at, _)| now - at < 0.5) {
+        if self.history.back().is_some_and(|&(at, ..)| now - at < 0.5) {
             return;
         }
         let progress = self.progress();
-        self.history.push_back((now, progress));
-        while self.history.front().is_some_and(|&(at, _)| now - at > WINDOW) {
+        self.history.push_back((now, progress, self.delivered));
+        while self.history.front().is_some_and(|&(at, ..)| now - at > WINDOW) {
             self.history.pop_front();
         }
     }

@@ -144,9 +144,12 @@ impl Farm {
         }
     }
 
-    pub(super) fn measured(&mut self, id: JobId, frame: u32, out: &mut Vec<Effect>) {
+    pub(super) fn measured(&mut self, id: JobId, frame: u32, again: Option<u32>, out: &mut Vec<Effect>) {
         if let Some(job) = self.jobs.get_mut(&id) {
-            job.frame_measured(frame, out);
+            match again {
+                Some(passes) => job.reopen_frame(frame, passes, out),
+                None => job.frame_measured(frame, out),
+            }
         }
     }
 

@@ -231,7 +231,14 @@ pub enum Event {
         message: String,
     },
     /// The answer to [`Effect::Measure`].
-    Measured(JobId, u32),
+    Measured {
+        /// The job.
+        job: JobId,
+        /// The frame.
+        frame: u32,
+        /// It must be gone over again: its tiles count as having this many passes, and none is finished.
+        again: Option<u32>,
+    },
     /// Time passes.
     Tick,
 }
@@ -412,7 +419,7 @@ impl Farm {
             Event::Failed { lease, worker, units, cause, message } => {
                 self.failed(lease, worker, &units, cause, &message, now, &mut out);
             }
-            Event::Measured(job, frame) => self.measured(job, frame, &mut out),
+            Event::Measured { job, frame, again } => self.measured(job, frame, again, &mut out),
             Event::Tick => self.tick(now, &mut out),
         }
         if std::mem::take(&mut self.stirred) {

@@ -65,6 +65,7 @@ impl Farm {
         let Some(job) = self.jobs.get_mut(&id.job) else { return };
         job.cost.add(cpu_seconds, samples as f64, id.rect.area() as f64);
         job.samples.add(samples as f64, now);
+        job.delivered += cpu_seconds;
         let Some(open) = job.open_mut(id.frame) else { return };
         let tile = &mut open.tiles[at.tile as usize];
         if samples > 0 && cpu_seconds > 0.0 {

@@ -87,6 +87,8 @@ struct World {
     alive: BTreeSet<WorkerId>,
     plans: Vec<(TileKey, u32)>,
     measuring: Vec<(JobId, u32)>,
+    /// Frames that were gone over again, and from which pass on.
+    again: BTreeMap<(JobId, u32), u32>,
     saving: Vec<Accepted>,
     merging: Vec<Accepted>,
     /// Results handed in before, for handing in once more.
@@ -121,6 +123,7 @@ impl World {
             alive: BTreeSet::new(),
             plans: Vec::new(),
             measuring: Vec::new(),
+            again: BTreeMap::new(),
             saving: Vec::new(),
             merging: Vec::new(),
             old: Vec::new(),
@@ -147,8 +150,26 @@ impl World {
         world
     }
 
+    /// Every other frame is gone over again, once: its tiles then stand at the same pass.
+    fn go_over_again(&mut self, job: JobId, frame: u32) -> Option<u32> {
+        let first = frame % 2 == 1 && !self.again.contains_key(&(job, frame));
+        let tiles = || self.specs[&job].grid.count();
+        let keys: Vec<TileKey> = (0..tiles()).map(|tile| TileKey { job, frame, tile }).collect();
+        let passes = keys.iter().map(|key| self.disk[key].passes).max().filter(|_| first)?;
+        self.again.insert((job, frame), passes);
+        for key in keys {
+            let disk = self.disk.get_mut(&key).expect("it was finished");
+            (disk.passes, disk.finished) = (passes, false);
+        }
+        Some(passes)
+    }
+
     /// The rule of the simulated jobs: tiles differ in their number of passes.
     fn plan(&self, tile: TileKey, pass: u32) -> Option<(Work, f64)> {
+        if self.again.get(&(tile.job, tile.frame)).is_some_and(|&again| pass >= again) {
+            let once = self.again[&(tile.job, tile.frame)] == pass && tile.tile.is_multiple_of(2);
+            return once.then_some((Work::Uniform { first: 16 * pass, samples: 16 }, 1.0));
+        }
         let passes = 1 + (tile.tile + tile.frame) % self.passes;
         let share = f64::from(pass + 1) / f64::from(passes);
         (pass < passes).then_some((Work::Uniform { first: 16 * pass, samples: 16 }, share))
@@ -334,7 +355,8 @@ impl World {
             }
             2 if !self.measuring.is_empty() => {
                 let (job, frame) = self.measuring.swap_remove(0);
-                self.apply(Event::Measured(job, frame));
+                let again = self.go_over_again(job, frame);
+                self.apply(Event::Measured { job, frame, again });
             }
             2 | 3 if !self.plans.is_empty() => {
                 let at = self.dice.below(self.plans.len());
@@ -433,7 +455,10 @@ impl World {
             for (&frame, tile) in spec.frames.iter().flat_map(|f| (0..spec.grid.count()).map(move |t| (f, t))) {
                 let key = TileKey { job: *id, frame, tile };
                 let passes = 1 + (tile + frame) % self.passes;
-                let expected: Vec<u32> = (0..passes).collect();
+                let mut expected: Vec<u32> = (0..passes).collect();
+                let again = self.again.get(&(*id, frame));
+                assert_eq!(again.is_some(), frame % 2 == 1, "odd frames are gone over again");
+                expected.extend(again.filter(|_| tile.is_multiple_of(2)));
                 assert_eq!(self.disk[&key].merged, expected, "{key:?}");
             }
             assert_eq!(self.farm.frames_done(*id), spec.frames);

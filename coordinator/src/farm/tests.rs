@@ -29,7 +29,7 @@ impl Bench {
         while at < effects.len() {
             let plans: Vec<Plan> = effects[at..].iter().filter_map(|effect| self.plan(effect)).collect();
             let measure = |effect: &Effect| match *effect {
-                Effect::Measure(job, frame) => Some(Event::Measured(job, frame)),
+                Effect::Measure(job, frame) => Some(Event::Measured { job, frame, again: None }),
                 _ => None,
             };
             let measured: Vec<Event> = effects[at..].iter().filter_map(measure).collect();

@@ -8,6 +8,7 @@ use common::{
 use super::{
     Farm, WorkerHistory,
     job::{Job, Open, Phase, PieceState, Stage, Tile},
+    worker::Worker,
 };
 
 /// A job's state and how far it is.
@@ -25,8 +26,10 @@ pub struct JobStatus {
     pub progress: f64,
     /// Samples per second over the last seconds.
     pub samples_per_second: f64,
-    /// Seconds to the end, if it can be told.
+    /// Seconds to the end, if it can be told from the progress of the last seconds.
     pub eta_seconds: Option<f64>,
+    /// Processor seconds that it is served in a second, if any worker could serve it.
+    pub cpu_rate: Option<f64>,
     /// Units handed back, failed or lost, and tried again.
     pub retries: u64,
     /// Its frames.
@@ -115,9 +118,20 @@ impl Farm {
             progress: frames.iter().map(|frame| frame.progress).sum::<f64>() / frames.len().max(1) as f64,
             samples_per_second: if job.state.is_final() { 0.0 } else { job.samples.get(now) },
             eta_seconds: eta(job, now),
+            cpu_rate: self.cpu_rate(id, job, now),
             retries: job.retries,
             frames,
         })
+    }
+
+    /// As measured over the last seconds; what its workers could do where that is not known yet.
+    fn cpu_rate(&self, id: JobId, job: &Job, now: f64) -> Option<f64> {
+        let measured = job.history.front().and_then(|&(then, _, before)| {
+            let (wall, delivered) = (now - then, job.delivered - before);
+            (job.state == JobState::Active && wall >= 2.0 && delivered > 0.0).then(|| delivered / wall)
+        });
+        let capacity = || self.eligible(id, now).iter().filter_map(|w| self.workers.get(w)).map(Worker::capacity).sum();
+        measured.or_else(|| Some(capacity()).filter(|&rate: &f64| rate > 0.0))
     }
 
     /// The tiles of a frame that is being rendered, in index order; `None` for one that is not.
@@ -188,7 +202,7 @@ impl Farm {
 
 /// Seconds to the end, from the progress of the last seconds.
 fn eta(job: &Job, now: f64) -> Option<f64> {
-    let &(then, before) = job.history.front()?;
+    let &(then, before, _) = job.history.front()?;
     let progress = job.progress();
     let rate = (progress - before) / (now - then);
     (job.state == JobState::Active && now - then >= 1.0 && rate > 0.0).then(|| (1.0 - progress) / rate)

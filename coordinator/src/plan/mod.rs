@@ -3,6 +3,7 @@
 //! The farm asks once a pass, when the tile (and, for a rule that looks across borders, its neighbours)
 //! has finished the one before. A rule knows nothing of workers, leases, stores or clocks.
 
+pub mod budget;
 mod field;
 mod planned;
 
@@ -43,6 +44,13 @@ pub enum Rule {
         relative_error: f64,
         /// Share of intervals that are to hold the truth.
         confidence: f64,
+        /// Most samples of a pixel.
+        max_samples: u32,
+    },
+    /// Rounds over whole frames, each sized by what is left of a budget: [`budget`].
+    Budget {
+        /// Processor seconds of all frames.
+        cpu_seconds: f64,
         /// Most samples of a pixel.
         max_samples: u32,
     },
@@ -97,37 +105,61 @@ impl Rule {
                 "method.adaptive",
                 "a noise target needs adaptive sampling; ask for a number of samples, or leave this out",
             )),
-            (Quality::Time { .. }, _) => Err(FieldError::new(
-                "quality.target",
-                "a time target cannot be rendered by this version; ask for noise or samples",
+            (&Quality::Time { cpu_seconds, max_samples }, None | Some(Adaptive::On)) => {
+                Ok(Rule::Budget { cpu_seconds, max_samples })
+            }
+            (Quality::Time { .. }, Some(Adaptive::Off | Adaptive::Textbook)) => Err(FieldError::new(
+                "method.adaptive",
+                "a time target needs adaptive sampling; ask for a number of samples, or leave this out",
             )),
         }
     }
 
-    /// The rule of the same job with a finer target, so that no sample is wasted and the bits are those of
-    /// a job that asked for the finer target at once.
+    /// Check that a job under this rule can go on to a finer target and keep every sample.
+    ///
+    /// A fixed count raised to another has the bits of a job that asked for it at once. Under any other finer
+    /// target all pixels are judged anew.
     ///
     /// # Errors
     /// The target cannot be continued to, by field.
     pub fn continued(&self, finer: &Rule) -> Result<(), FieldError> {
-        let (&Rule::Uniform { samples: old, batch }, &Rule::Uniform { samples: new, batch: new_batch }) = (self, finer)
-        else {
-            let message = "only a fixed number of samples can be raised; submit a new job for this target";
-            return Err(FieldError::new("quality", message));
-        };
-        let boundary = (0..32).any(|pass| {
-            let end = pass::uniform_end(pass, u32::MAX, batch);
-            end == old
-        });
-        if new < old {
-            let message = format!("{new} samples is less than the {old} the job already asks for");
-            Err(FieldError::new("quality.samples", message))
-        } else if new > old && (!boundary || batch != new_batch) {
-            let message =
-                format!("{old} samples cannot be continued; 64, 256, 1024 and so on can. Submit a new job instead");
-            Err(FieldError::new("quality.samples", message))
-        } else {
-            Ok(())
+        match (self, finer) {
+            (old, new) if old == new => Ok(()),
+            (&Rule::Uniform { samples: old, batch }, &Rule::Uniform { samples: new, batch: new_batch }) => {
+                let boundary = (0..32).any(|pass| pass::uniform_end(pass, u32::MAX, batch) == old);
+                if new < old {
+                    let message = format!("{new} samples is less than the {old} the job already asks for");
+                    Err(FieldError::new("quality.samples", message))
+                } else if boundary && batch == new_batch {
+                    Ok(())
+                } else {
+                    let why = "cannot be continued; 64, 256, 1024 and so on can. Submit a new job instead";
+                    Err(FieldError::new("quality.samples", format!("{old} samples {why}")))
+                }
+            }
+            (Rule::Adaptive { relative_error, confidence, max_samples }, Rule::Adaptive { .. }) => {
+                let Rule::Adaptive { relative_error: error, confidence: share, max_samples: most } = finer else {
+                    return Ok(());
+                };
+                if error <= relative_error && share >= confidence && most >= max_samples {
+                    Ok(())
+                } else {
+                    let message = "is not finer than the job's; a job keeps what it has reached";
+                    Err(FieldError::new("quality", message))
+                }
+            }
+            (Rule::Budget { cpu_seconds: old, .. }, Rule::Budget { cpu_seconds: new, .. }) if new < old => {
+                let message = format!("{new} processor seconds is less than the {old} the job already asks for");
+                Err(FieldError::new("quality.cpu_seconds", message))
+            }
+            (Rule::Budget { .. }, Rule::Budget { .. } | Rule::Adaptive { .. }) => Ok(()),
+            (Rule::Uniform { batch, .. }, Rule::Adaptive { .. } | Rule::Budget { .. }) if *batch == pass::BATCH => {
+                Ok(())
+            }
+            _ => {
+                let message = "the job's target cannot be continued to this one; submit a new job";
+                Err(FieldError::new("quality.target", message))
+            }
         }
     }
 
@@ -150,7 +182,7 @@ impl Rule {
     pub fn batch(&self) -> u32 {
         match *self {
             Rule::Uniform { batch, .. } => batch,
-            Rule::Textbook { .. } | Rule::Adaptive { .. } => pass::BATCH,
+            Rule::Textbook { .. } | Rule::Adaptive { .. } | Rule::Budget { .. } => pass::BATCH,
         }
     }
 
@@ -164,7 +196,7 @@ impl Rule {
                 Some(f64::from(pass::uniform_end(passes - 1, samples, batch)) / f64::from(samples))
             }
             Rule::Textbook { .. } => Some(1.0),
-            Rule::Adaptive { .. } => None,
+            Rule::Adaptive { .. } | Rule::Budget { .. } => None,
         }
     }
 
@@ -174,8 +206,23 @@ impl Rule {
     pub fn looks_around(&self) -> bool {
         match self {
             Rule::Uniform { .. } | Rule::Textbook { .. } => false,
-            Rule::Adaptive { .. } => true,
+            Rule::Adaptive { .. } | Rule::Budget { .. } => true,
         }
+    }
+
+    /// Whether a frame whose tiles are all finished must be gone over again, with every pixel judged anew:
+    /// what pixels learnt later may tell that neighbours stopped too early. `verdicts` are those of the whole
+    /// frame, with each pixel's batches.
+    #[must_use]
+    pub fn unsettled(&self, verdicts: impl Iterator<Item = (u32, adaptive::Verdict)>) -> bool {
+        let Rule::Adaptive { max_samples, .. } = self else { return false };
+        let most = max_samples.div_ceil(pass::BATCH);
+        let (mut all, mut missed) = (0u64, 0u64);
+        for (batches, verdict) in verdicts {
+            all += 1;
+            missed += u64::from(!verdict.met && batches < most);
+        }
+        missed as f64 > (1.0 - adaptive::FRAME_SHARE) * all as f64
     }
 
     /// Plan pass `pass` of a tile. `around` is given where [`Rule::looks_around`] and `pass` is above 0.
@@ -188,6 +235,14 @@ impl Rule {
             },
             Rule::Textbook { batch, tolerance, max_samples } => match pass {
                 0 => Step::Render { work: Work::Textbook { batch, tolerance, max_samples }, share: 1.0 },
+                _ => Step::Finished,
+            },
+            // Further passes are those of rounds: `budget::next`.
+            Rule::Budget { max_samples, .. } => match pass {
+                0 => {
+                    let samples = adaptive::PILOT_BATCHES.min(max_samples.div_ceil(pass::BATCH)) * pass::BATCH;
+                    Step::Render { work: Work::Uniform { first: 0, samples }, share: PILOT_SHARE }
+                }
                 _ => Step::Finished,
             },
             Rule::Adaptive { relative_error, confidence, max_samples } => {
@@ -227,7 +282,8 @@ mod tests {
             (&noise, None, Ok(Rule::Adaptive { relative_error: 0.1, confidence: 0.95, max_samples: 4096 })),
             (&noise, Some(Adaptive::Textbook), Ok(Rule::Textbook { batch: 32, tolerance: 0.1, max_samples: 4096 })),
             (&noise, Some(Adaptive::Off), Err("method.adaptive")),
-            (&time, None, Err("quality.target")),
+            (&time, None, Ok(Rule::Budget { cpu_seconds: 1.0, max_samples: 64 })),
+            (&time, Some(Adaptive::Textbook), Err("method.adaptive")),
         ] {
             let found = Rule::of(quality, &method(adaptive));
             assert_eq!(found.map_err(|e| e.field), expected.map_err(String::from), "{quality:?} {adaptive:?}");
@@ -257,5 +313,41 @@ mod tests {
             let error = uniform(old).continued(&uniform(new)).unwrap_err();
             assert_eq!(error.field, "quality.samples", "{old} to {new}");
         }
+    }
+
+    #[test]
+    fn a_target_can_be_continued_to_a_finer_one_only() {
+        let noise = |relative_error, max_samples| Rule::Adaptive { relative_error, confidence: 0.95, max_samples };
+        let time = |cpu_seconds| Rule::Budget { cpu_seconds, max_samples: 4096 };
+        let samples = |samples| Rule::Uniform { samples, batch: pass::batch_for(samples) };
+        for (old, new, refused) in [
+            (noise(0.1, 512), noise(0.05, 512), None),
+            (noise(0.1, 512), noise(0.1, 1024), None),
+            (noise(0.1, 512), noise(0.2, 512), Some("quality")),
+            (noise(0.1, 512), noise(0.05, 256), Some("quality")),
+            (noise(0.1, 512), samples(1024), Some("quality.target")),
+            (samples(64), noise(0.1, 512), None),
+            (samples(32), noise(0.1, 512), Some("quality.target")),
+            (time(3.0), time(4.0), None),
+            (time(3.0), time(2.0), Some("quality.cpu_seconds")),
+            (time(3.0), noise(0.1, 512), None),
+        ] {
+            let found = old.continued(&new).err().map(|error| error.field);
+            assert_eq!(found.as_deref(), refused, "{old:?} to {new:?}");
+        }
+    }
+
+    #[test]
+    fn a_frame_is_gone_over_again_while_more_than_1_percent_can_still_be_helped() {
+        let rule = Rule::Adaptive { relative_error: 0.1, confidence: 0.95, max_samples: 1024 };
+        let verdict =
+            |met| adaptive::Verdict { half_width: 1.0, relative: 1.0, standard_error: 0.5, met, batches: 4, goal: 8 };
+        let frame = |missed: usize, batches| {
+            (0..1000).map(move |i| if i < missed { (batches, verdict(false)) } else { (4, verdict(true)) })
+        };
+        assert!(rule.unsettled(frame(11, 4)));
+        assert!(!rule.unsettled(frame(10, 4)), "99% is what is asked for");
+        assert!(!rule.unsettled(frame(500, 64)), "nothing helps at the most samples");
+        assert!(!Rule::Uniform { samples: 64, batch: 16 }.unsettled(frame(500, 4)));
     }
 }

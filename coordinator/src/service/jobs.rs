@@ -7,8 +7,8 @@ use std::{
 
 use common::{
     hash::AssetHash,
-    job::{FieldError, Frames, JobId, JobRequest, JobState, SceneRef, check_resolution},
-    protocol::{FrameView, JobPatch, JobView, TileView},
+    job::{FieldError, Frames, JobId, JobRequest, JobState, Quality, SceneRef, check_resolution},
+    protocol::{Forecast, FrameView, JobPatch, JobView, TileView},
     scene::{SceneError, SceneFile},
     tile::TileGrid,
 };
@@ -20,9 +20,11 @@ use crate::{
     farm::{Command, Event, Farm, JobSpec, Restored, TileKey, TileProgress},
     plan::Rule,
     store::{JobRecord, Write},
-    time::stamp,
+    time::{stamp, unix},
 };
 
+/// Shares of the work at which a forecast is kept: as soon as there is one, and further on.
+const FORECASTS: [f64; 3] = [0.0, 0.25, 0.5];
 /// Most tiles of a frame.
 const MAX_TILES: u64 = 1 << 18;
 /// Most bytes of a scene file.
@@ -79,6 +81,10 @@ impl Service {
             created_at: stamp(),
             finished_at: None,
             done: None,
+            rounds: BTreeMap::new(),
+            began: None,
+            ended: None,
+            forecasts: Vec::new(),
         };
         let id = record.id;
         let stored = self.store.write(Write::Job(Box::new(record.clone())));
@@ -235,22 +241,39 @@ impl Service {
         entry: &JobEntry,
         id: JobId,
         rule: Rule,
-        quality: common::job::Quality,
+        quality: Quality,
     ) -> Result<(), Failure> {
-        if lock(&entry.record).rule == rule {
+        let (old, state) = {
+            let record = lock(&entry.record);
+            (record.rule.clone(), record.state)
+        };
+        if old == rule {
             lock(&entry.record).quality = quality;
             return Ok(());
+        }
+        let raised = matches!((&old, &rule), (Rule::Uniform { .. }, Rule::Uniform { .. }));
+        if !raised {
+            if state != JobState::Completed {
+                return Err(Failure::Conflict(format!(
+                    "the job is {state}; a target can be made finer when the job is completed"
+                )));
+            }
+            self.judge_anew(entry, id).await?;
         }
         {
             let mut record = lock(&entry.record);
             record.rule = rule;
             record.quality = quality;
             record.done = None;
+            record.rounds.clear();
+            record.ended = None;
             if record.state == JobState::Completed {
                 record.state = JobState::Queued;
                 record.finished_at = None;
             }
-            drop(self.store.write(Write::Reopen(id)));
+            if raised {
+                drop(self.store.write(Write::Reopen(id)));
+            }
             drop(self.store.write(Write::Job(Box::new(record.clone()))));
         }
         self.settle().await?;
@@ -276,12 +299,18 @@ impl Service {
         let mut record = lock(&entry.record);
         if frame_done {
             record.done = Frames::of(farm.frames_done(id));
+            let done = record.done.clone();
+            record.rounds.retain(|frame, _| done.as_ref().is_none_or(|done| !done.numbers().contains(frame)));
         }
         let before = record.clone();
         if state.is_final() && record.finished_at.is_none() {
             record.finished_at = Some(stamp());
+            record.ended = Some(unix());
         } else if !state.is_final() {
-            record.finished_at = None;
+            (record.finished_at, record.ended) = (None, None);
+        }
+        if state == JobState::Active && record.began.is_none() {
+            record.began = Some(unix());
         }
         record.state = state;
         record.message = message;
@@ -308,6 +337,17 @@ impl Service {
         let measure = lock(&entry.measure);
         let region = record.region.area() as f64;
         let target = measure::target(&record.quality);
+        let running = status.state == JobState::Active;
+        let foreseen = foreseen(&record, &measure);
+        let spent = measure.work.cpu_seconds;
+        let left =
+            foreseen.filter(|_| running).zip(status.cpu_rate).map(|(all, rate)| (all.cpu_seconds - spent) / rate);
+        let progress = match record.quality {
+            // What is spent, not what is rendered, brings it to its end.
+            Quality::Time { cpu_seconds, .. } if !status.state.is_final() => (spent / cpu_seconds).min(1.0),
+            _ => status.progress,
+        };
+        let wall_seconds = record.began.map(|began| record.ended.unwrap_or_else(unix) - began);
         let frames = status
             .frames
             .iter()
@@ -331,11 +371,11 @@ impl Service {
             name: record.name,
             state: status.state,
             message: status.message,
-            progress: status.progress,
+            progress,
             samples: measure.work.samples,
             samples_per_second: status.samples_per_second,
             error: measure.error(target),
-            eta_seconds: status.eta_seconds,
+            eta_seconds: left.or(status.eta_seconds),
             frames,
             scene: record.scene,
             resolution: record.resolution,
@@ -349,8 +389,34 @@ impl Service {
             tracer: status.tracer,
             created_at: record.created_at,
             finished_at: record.finished_at,
+            wall_seconds,
+            forecasts: record.forecasts,
             statistics: measure.statistics(status.retries),
         })
+    }
+
+    /// Forecast a job that goes on, and keep that at the marks of [`FORECASTS`].
+    pub(super) fn note_forecast(&self, id: JobId) {
+        let Some(entry) = self.entry(id) else { return };
+        let Some(status) = self.farm().job(id, self.now()) else { return };
+        let mut record = lock(&entry.record);
+        let next = FORECASTS.get(record.forecasts.len());
+        let (Some(&mark), Some(rate), Some(began)) = (next, status.cpu_rate, record.began) else { return };
+        if status.state != JobState::Active {
+            return;
+        }
+        let measure = lock(&entry.measure);
+        let Some(all) = foreseen(&record, &measure) else { return };
+        let progress = measure.work.cpu_seconds / all.cpu_seconds;
+        if progress < mark || progress >= 1.0 {
+            return;
+        }
+        let made_at_seconds = unix() - began;
+        let wall_seconds = made_at_seconds + (all.cpu_seconds - measure.work.cpu_seconds) / rate;
+        let forecast =
+            Forecast { progress, made_at_seconds, samples: all.samples, cpu_seconds: all.cpu_seconds, wall_seconds };
+        record.forecasts.push(forecast);
+        drop(self.store.write(Write::Job(Box::new(record.clone()))));
     }
 
     /// Jobs, newest first: those in `state` (all if absent) older than `before`, at most `limit`; and where
@@ -425,6 +491,12 @@ impl Service {
             self.notify("tile", Some(job), &TileNotice { job, frame, tile, done });
         }
     }
+}
+
+/// What a job is to have cost in the end.
+fn foreseen(record: &JobRecord, measure: &Measure) -> Option<measure::Cost> {
+    let tiles = record.grid().count() as usize;
+    measure.forecast(&record.rule, record.frames.numbers().len(), tiles, record.region.area() as f64)
 }
 
 fn spec_of(record: &JobRecord) -> JobSpec {

@@ -5,12 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use common::{
     adaptive::{self, FRAME_SHARE},
     job::{Quality, WorkerId},
+    pass::{BATCH, Work},
     protocol::JobStatistics,
     tile::Rect,
 };
 
 use crate::{
-    plan::Field,
+    farm::TileKey,
+    plan::{Field, Rule, Step},
     store::{TileRecord, TileSummary, WorkRecord},
 };
 
@@ -23,6 +25,16 @@ pub(super) struct Measure {
     pub(super) frames: BTreeMap<u32, FrameMeasure>,
     /// Workers that handed in a result.
     pub(super) workers: BTreeSet<WorkerId>,
+    /// What tiles are to have cost in the end, as their last plan foresees; tiles that are still to be planned
+    /// from what they measured are not here.
+    foreseen: BTreeMap<(u32, u32), Cost>,
+}
+
+/// Samples and processor seconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Cost {
+    pub(super) samples: f64,
+    pub(super) cpu_seconds: f64,
 }
 
 /// Sums over the tiles of a frame.
@@ -34,6 +46,7 @@ pub(super) struct FrameMeasure {
     pub(super) samples: u64,
     pub(super) max_samples: u32,
     pub(super) within: u64,
+    pub(super) cpu_seconds: f64,
     errors: BTreeMap<u16, u64>,
 }
 
@@ -48,6 +61,7 @@ impl Measure {
         self.workers.extend(new.worker);
         let before = old.map(|old| old.work).unwrap_or_default();
         let (sum, new) = (&mut self.work, &new.work);
+        frame.cpu_seconds += new.cpu_seconds - before.cpu_seconds;
         sum.samples += new.samples - before.samples.min(new.samples);
         sum.rays += new.rays - before.rays.min(new.rays);
         sum.node_tests += new.node_tests - before.node_tests.min(new.node_tests);
@@ -57,6 +71,56 @@ impl Measure {
         sum.cpu_seconds += new.cpu_seconds - before.cpu_seconds;
         sum.load_seconds += new.load_seconds - before.load_seconds;
         sum.build_seconds += new.build_seconds - before.build_seconds;
+    }
+
+    /// Note what a tile is to have cost in the end, as its plan from measurements says; `before` is what it
+    /// cost so far.
+    pub(super) fn foresee(&mut self, tile: TileKey, rect: Rect, before: &WorkRecord, step: &Step) {
+        let done = before.samples as f64;
+        let samples = match step {
+            Step::Render { work, share } if *share > 0.0 => (done + samples_of(work, rect)) / share,
+            _ => done,
+        };
+        let cost = Cost { samples, cpu_seconds: before.cpu_seconds + (samples - done) * before.per_sample() };
+        self.foreseen.insert((tile.frame, tile.tile), cost);
+    }
+
+    /// What a job of so many frames of so many tiles and pixels is to have cost in the end; `None` before one
+    /// frame is foreseen.
+    pub(super) fn forecast(&self, rule: &Rule, frames: usize, tiles: usize, pixels: f64) -> Option<Cost> {
+        let so_far = Cost { samples: self.work.samples as f64, cpu_seconds: self.work.cpu_seconds };
+        let per_sample = self.work.per_sample();
+        let pilot = f64::from(rule.batch()) * pixels;
+        match *rule {
+            _ if so_far.samples < pilot || per_sample == 0.0 => None,
+            Rule::Uniform { samples, .. } => {
+                let samples = f64::from(samples) * pixels * frames as f64;
+                Some(Cost { samples, cpu_seconds: so_far.cpu_seconds + (samples - so_far.samples) * per_sample })
+            }
+            Rule::Budget { cpu_seconds, .. } => {
+                let cpu_seconds = so_far.cpu_seconds.max(cpu_seconds);
+                let samples = so_far.samples + (cpu_seconds - so_far.cpu_seconds) / per_sample;
+                Some(Cost { samples, cpu_seconds })
+            }
+            Rule::Textbook { .. } => None,
+            Rule::Adaptive { .. } => {
+                // The mean of the frames that are foreseen whole stands for the others.
+                let mut sums: BTreeMap<u32, (usize, Cost)> = BTreeMap::new();
+                for (&(frame, _), cost) in &self.foreseen {
+                    let (count, sum) = sums.entry(frame).or_default();
+                    *count += 1;
+                    sum.samples += cost.samples;
+                    sum.cpu_seconds += cost.cpu_seconds;
+                }
+                let whole: Vec<Cost> = sums.values().filter(|(n, _)| *n == tiles).map(|(_, cost)| *cost).collect();
+                let scale = frames as f64 / whole.len() as f64;
+                (!whole.is_empty()).then(|| Cost {
+                    samples: (whole.iter().map(|cost| cost.samples).sum::<f64>() * scale).max(so_far.samples),
+                    cpu_seconds: (whole.iter().map(|cost| cost.cpu_seconds).sum::<f64>() * scale)
+                        .max(so_far.cpu_seconds),
+                })
+            }
+        }
     }
 
     /// As people see it.
@@ -111,6 +175,14 @@ impl FrameMeasure {
     }
 }
 
+fn samples_of(work: &Work, rect: Rect) -> f64 {
+    match work {
+        Work::Uniform { samples, .. } => f64::from(*samples) * rect.area() as f64,
+        Work::PerPixel { batches, .. } => batches.iter().map(|&n| f64::from(n)).sum::<f64>() * f64::from(BATCH),
+        Work::Textbook { .. } => 0.0,
+    }
+}
+
 const CLASSES_PER_DOUBLING: f64 = 32.0;
 const CLASS_OF_ONE: f64 = 480.0;
 const UNKNOWN: u16 = 1023;
@@ -155,8 +227,7 @@ pub(super) fn summarise(rule: &adaptive::Rule, field: Field<'_>, tile: Rect) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::Rule;
-    use common::film::Moments;
+    use common::{film::Moments, job::JobId};
 
     fn pixels(count: usize, samples: u32, m2: f64) -> Vec<Moments> {
         vec![Moments { samples, batches: samples / 16, mean: [1.0; 3], m2, ..Moments::default() }; count]
@@ -223,5 +294,34 @@ mod tests {
         assert!((3.0..3.0 * 1.022).contains(&error), "{error}");
         measure.replace(1, Some(&more), &unknown);
         assert_eq!(measure.error(None), None, "where more than 1% are unknown, nothing can be said");
+    }
+
+    #[test]
+    fn a_forecast_takes_the_frames_that_are_foreseen_for_the_others() {
+        let mut measure = Measure::default();
+        let rule = Rule::Adaptive { relative_error: 0.1, confidence: 0.95, max_samples: 4096 };
+        let rect = Rect::frame(10, 10);
+        let record = |samples: u64| TileRecord {
+            passes: 1,
+            work: WorkRecord { samples, cpu_seconds: 1e-4 * samples as f64, ..Default::default() },
+            ..Default::default()
+        };
+        measure.replace(1, None, &record(6400));
+        measure.replace(1, None, &record(6400));
+        assert_eq!(measure.forecast(&rule, 3, 2, 200.0), None, "nothing is planned yet");
+        let key = |tile| TileKey { job: JobId(1), frame: 1, tile };
+        let work = Work::PerPixel { first: vec![4; 100], batches: vec![2; 100] };
+        let step = Step::Render { work, share: 0.5 };
+        measure.foresee(key(0), rect, &record(6400).work, &step);
+        assert_eq!(measure.forecast(&rule, 3, 2, 200.0), None, "one tile of two is no frame");
+        measure.foresee(key(1), rect, &record(6400).work, &Step::Finished);
+        // 6,400 + 3,200 samples are half of the one tile's; the other is done; three frames alike.
+        let cost = measure.forecast(&rule, 3, 2, 200.0).unwrap();
+        assert_eq!(cost.samples, 3.0 * (19_200.0 + 6400.0));
+        assert!((cost.cpu_seconds - 7.68).abs() < 1e-9, "{cost:?}");
+        let fixed = measure.forecast(&Rule::Uniform { samples: 256, batch: 16 }, 1, 2, 200.0).unwrap();
+        assert_eq!(fixed.samples, 51_200.0);
+        let budget = measure.forecast(&Rule::Budget { cpu_seconds: 9.0, max_samples: 64 }, 1, 2, 200.0).unwrap();
+        assert_eq!(budget.cpu_seconds, 9.0);
     }
 }

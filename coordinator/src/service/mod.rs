@@ -320,6 +320,9 @@ impl Service {
     fn tell(self: &Arc<Self>) {
         let Dirty { jobs, workers } = std::mem::take(&mut *lock(&self.dirty));
         let listened = self.notices.receiver_count() > 0;
+        for &id in jobs.keys() {
+            self.note_forecast(id);
+        }
         for (id, changed) in jobs.into_iter().filter(|_| listened) {
             if let Ok(view) = self.job_view(id) {
                 self.notify(if changed { "state" } else { "progress" }, Some(id), &view);

@@ -18,8 +18,8 @@ use crate::{
     bridge::blocking,
     error::Failure,
     farm::{Accepted, Effect, Event, TileKey, Wanted},
-    plan::{Field, RING, Rule, Surroundings},
-    store::{StoreError, TileRecord, Write, film},
+    plan::{Field, RING, Rule, Surroundings, budget},
+    store::{StoreError, StoredFilm, TileRecord, Write, film},
 };
 
 /// The answer to a result.
@@ -216,8 +216,9 @@ impl Service {
         let Some(entry) = self.entry(key.job) else { return Ok(None) };
         let Some(rect) = lock(&entry.record).grid().rect(key.tile) else { return Ok(None) };
         let Some(stored) = self.store.film(key).await? else { return Ok(None) };
-        let film = blocking("reading a film", move || film::decode(&stored.film, rect.area())).await??;
-        let film = Arc::new(TileFilm { record: stored.record, film: Arc::new(film) });
+        let film = blocking("reading a film", move || read_film(&stored, rect).map(|film| (stored.record, film)));
+        let (record, film) = film.await??;
+        let film = Arc::new(TileFilm { record, film: Arc::new(film) });
         self.films.put(key, Arc::clone(&film));
         Ok(Some(film))
     }
@@ -227,9 +228,23 @@ impl Service {
         match self.surroundings(tile, pass).await {
             Ok(Some((rect, around))) => {
                 let Some(entry) = self.entry(tile.job) else { return };
-                let rule = lock(&entry.record).rule.clone();
-                match blocking("planning a pass", move || rule.step(pass, rect, Some(&around))).await {
-                    Ok(step) => drop(self.apply(Event::Planned(vec![planned(tile, pass, step)]))),
+                let (rule, round) = {
+                    let record = lock(&entry.record);
+                    (record.rule.clone(), record.rounds.get(&tile.frame).copied())
+                };
+                let plan = move || match (&rule, round) {
+                    (Rule::Budget { max_samples, .. }, Some(round)) if round.pass == pass => {
+                        budget::next(round.aim, *max_samples, rect, around.field())
+                    }
+                    _ => rule.step(pass, rect, Some(&around)),
+                };
+                match blocking("planning a pass", plan).await {
+                    Ok(step) => {
+                        let before = self.film(tile).await.ok().flatten();
+                        let before = before.map(|film| film.record.work).unwrap_or_default();
+                        lock(&entry.measure).foresee(tile, rect, &before, &step);
+                        drop(self.apply(Event::Planned(vec![planned(tile, pass, step)])));
+                    }
                     Err(error) => drop(self.apply(Event::MergeFailed(tile, error.to_string()))),
                 }
             }
@@ -255,7 +270,7 @@ impl Service {
                 let ring = stored.ring.ok_or_else(|| StoreError::Damaged(format!("the ring of {key:?}")))?;
                 unborder(there, &film::decode(&ring, border_pixels(there).count())?)
             } else {
-                film::decode(&stored.film, there.area())?
+                read_film(&stored, there)?
             };
             for ((x, y), moments) in there.pixels().zip(film.moments) {
                 if wide.contains(&Rect { x, y, w: 1, h: 1 }) {
@@ -266,6 +281,15 @@ impl Service {
         }
         Ok(Some((rect, around)))
     }
+}
+
+/// A stored film. Where its pixels are judged anew, none has stopped.
+fn read_film(stored: &StoredFilm, rect: Rect) -> Result<Film, StoreError> {
+    let mut film = film::decode(&stored.film, rect.area())?;
+    if stored.record.fresh {
+        film.moments.iter_mut().for_each(|m| m.stopped = false);
+    }
+    Ok(film)
 }
 
 /// Decompress and check a result against the unit it is for.

@@ -1,5 +1,7 @@
 //! What every store must do. Each implementation is put through the same suite.
 
+use std::collections::BTreeMap;
+
 use common::{
     hash::AssetHash,
     job::{Frames, JobState, Quality},
@@ -8,7 +10,10 @@ use common::{
 };
 
 use super::*;
-use crate::plan::Rule;
+use crate::plan::{
+    Rule,
+    budget::{Aim, Round},
+};
 
 fn job(id: u64) -> JobRecord {
     JobRecord {
@@ -31,6 +36,10 @@ fn job(id: u64) -> JobRecord {
         created_at: "2026-01-01T00:00:00Z".into(),
         finished_at: None,
         done: None,
+        rounds: BTreeMap::from([(2, Round { pass: 3, aim: Aim { level: 0.1, worst: 2.0 } })]),
+        began: Some(1.5),
+        ended: None,
+        forecasts: Vec::new(),
     }
 }
 
@@ -108,6 +117,16 @@ async fn conforms<S: Store>(store: S, reopen: impl AsyncFn(S) -> S) {
     );
     assert!(store.results(a, 1).await.unwrap().is_empty());
     store.write(tile(a, 3)).await.unwrap();
+    assert!(store.parts(JobId(1)).await.unwrap().is_empty());
+
+    // Another round of a frame, and of no other.
+    store.write(part(a, 3, 0, b"late")).await.unwrap();
+    store.write(Write::Finished(a)).await.unwrap();
+    store.write(Write::Resume { job: JobId(1), frame: 1, passes: 9 }).await.unwrap();
+    let tiles = store.tiles(JobId(1)).await.unwrap();
+    let state = |tile: &StoredTile| (tile.record.passes, tile.record.finished, tile.record.fresh);
+    assert_eq!((state(&tiles[0]), state(&tiles[1])), ((9, false, true), (9, false, true)));
+    assert!(tiles[2].record.passes < 9 && !tiles[2].record.fresh);
     assert!(store.parts(JobId(1)).await.unwrap().is_empty());
 
     // A deleted job takes everything with it, and late writes do not bring it back.

@@ -74,6 +74,13 @@ impl Held {
                 let tiles = self.tiles.iter_mut().filter(|(key, _)| key.job == id);
                 tiles.for_each(|(_, held)| held.record.finished = false);
             }
+            Write::Resume { job, frame, passes } => {
+                let tiles = self.tiles.iter_mut().filter(|(key, _)| key.job == job && key.frame == frame);
+                for (_, StoredFilm { record, .. }) in tiles {
+                    (record.passes, record.finished, record.fresh) = (passes, false, true);
+                }
+                self.parts.retain(|(held, ..), _| held.job != job || held.frame != frame);
+            }
             Write::Part { key, pass, rect, split, result } if self.jobs.contains_key(&key.job) => {
                 self.parts.entry((key, pass, rect.y, rect.x)).or_insert((rect, split, result));
             }

@@ -62,8 +62,18 @@ pub enum Write {
     Finished(TileKey),
     /// The tiles of a finished frame in short, in place of what their records say.
     Summaries(Vec<(TileKey, TileSummary)>),
-    /// A finer target: no tile of the job is finished any more.
+    /// A higher fixed count: no tile of the job is finished any more.
     Reopen(JobId),
+    /// A finer target, or another round of a frame: its tiles stand at the end of the same pass, none is
+    /// finished, and no pixel has stopped.
+    Resume {
+        /// The job.
+        job: JobId,
+        /// The frame.
+        frame: u32,
+        /// Passes that its tiles count as having from now on.
+        passes: u32,
+    },
     /// A part of a pass, as it was sent. Ignored when its job is gone.
     Part {
         /// The tile.

@@ -1,16 +1,18 @@
 //! The records of a store, as JSON: what is known of jobs, tiles and workers.
 
+use std::collections::BTreeMap;
+
 use common::{
     hash::AssetHash,
     job::{Frames, JobId, JobState, Quality, WorkerId},
     method::Method,
-    protocol::{JobStatistics, Register},
+    protocol::{Forecast, JobStatistics, Register},
     result::UnitStatistics,
     tile::{Rect, TileGrid},
 };
 use serde::{Deserialize, Serialize};
 
-use crate::plan::Rule;
+use crate::plan::{Rule, budget::Round};
 
 /// A job as it was resolved when it was submitted, and where it is in its life.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,6 +59,18 @@ pub struct JobRecord {
     /// Frames that are done.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub done: Option<Frames>,
+    /// Under a budget: the round that each open frame is in.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub rounds: BTreeMap<u32, Round>,
+    /// When its first lease was given, Unix seconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub began: Option<f64>,
+    /// When it ended, Unix seconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended: Option<f64>,
+    /// What was forecast of it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub forecasts: Vec<Forecast>,
 }
 
 impl JobRecord {
@@ -77,6 +91,9 @@ pub struct TileRecord {
     /// Whether the rule said that it is finished.
     #[serde(default)]
     pub finished: bool,
+    /// Whether its pixels are judged anew since its last pass: none of them counts as stopped.
+    #[serde(default)]
+    pub fresh: bool,
     /// Attempts that failed.
     #[serde(default)]
     pub attempts: u32,
@@ -124,6 +141,12 @@ impl WorkRecord {
         self.cpu_seconds += s.cpu_seconds;
         self.load_seconds += s.load_seconds;
         self.build_seconds += s.build_seconds;
+    }
+
+    /// Processor seconds of a sample; 0 before the first.
+    #[must_use]
+    pub fn per_sample(&self) -> f64 {
+        if self.samples == 0 { 0.0 } else { self.cpu_seconds / self.samples as f64 }
     }
 
     /// Add to a job's statistics.

@@ -196,6 +196,19 @@ async fn apply(db: &mut SqliteConnection, write: &Write) -> Result<(), StoreErro
                 .execute(db)
                 .await?;
         }
+        Write::Resume { job, frame, passes } => {
+            sqlx::query("UPDATE tiles SET record = json_set(record, '$.passes', ?, '$.finished', json('false'), '$.fresh', json('true')) WHERE job = ? AND frame = ?")
+                .bind(i64::from(*passes))
+                .bind(job.0 as i64)
+                .bind(i64::from(*frame))
+                .execute(&mut *db)
+                .await?;
+            sqlx::query("DELETE FROM parts WHERE job = ? AND frame = ?")
+                .bind(job.0 as i64)
+                .bind(i64::from(*frame))
+                .execute(db)
+                .await?;
+        }
         Write::Part { key, pass, rect, split, result } => {
             let (job, frame, tile) = columns(key);
             sqlx::query(

@@ -28,7 +28,7 @@ fn submit(farm: &Coordinator, out: &Path) -> Process {
     Process::start(&[&submit[..], &JOB[..]].concat())
 }
 
-fn assert_same(a: &[(String, Vec<u32>)], b: &[(String, Vec<u32>)]) {
+pub fn assert_same(a: &[(String, Vec<u32>)], b: &[(String, Vec<u32>)]) {
     let names = |pixels: &[(String, Vec<u32>)]| pixels.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
     assert_eq!(names(a), names(b));
     for ((name, a), (_, b)) in a.iter().zip(b) {

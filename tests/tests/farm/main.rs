@@ -3,3 +3,4 @@
 mod kills;
 mod processes;
 mod rest;
+mod targets;
