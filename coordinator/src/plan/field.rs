@@ -23,6 +23,12 @@ impl Surroundings {
     }
 }
 
+/// Let pixels be judged anew, under a finer target or with what their neighbours learnt since: none of them has
+/// stopped, and every sample stays.
+pub fn judge_anew(moments: &mut [Moments]) {
+    moments.iter_mut().for_each(|pixel| pixel.stopped = false);
+}
+
 /// Moments of a rectangle's pixels. Nothing is known of what lies outside: a pixel at its edge has fewer
 /// neighbours.
 #[derive(Debug, Clone, Copy)]

@@ -16,7 +16,7 @@ use common::{
 };
 use serde::{Deserialize, Serialize};
 
-pub use field::{Field, Surroundings};
+pub use field::{Field, Surroundings, judge_anew};
 
 /// How the passes of a job's tiles follow from its quality target and method.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -211,18 +211,21 @@ impl Rule {
     }
 
     /// Whether a frame whose tiles are all finished must be gone over again, with every pixel judged anew:
-    /// what pixels learnt later may tell that neighbours stopped too early. `verdicts` are those of the whole
-    /// frame, with each pixel's batches.
+    /// what pixels learnt later may tell that neighbours stopped too early. So it is while the target is
+    /// missed and can still be met, or more pixels than may miss it can still be helped. `verdicts` are those
+    /// of the whole frame, with each pixel's batches.
     #[must_use]
     pub fn unsettled(&self, verdicts: impl Iterator<Item = (u32, adaptive::Verdict)>) -> bool {
         let Rule::Adaptive { max_samples, .. } = self else { return false };
         let most = max_samples.div_ceil(pass::BATCH);
-        let (mut all, mut missed) = (0u64, 0u64);
+        let (mut all, mut full, mut helpable) = (0u64, 0u64, 0u64);
         for (batches, verdict) in verdicts {
             all += 1;
-            missed += u64::from(!verdict.met && batches < most);
+            full += u64::from(!verdict.met && batches >= most);
+            helpable += u64::from(!verdict.met && batches < most);
         }
-        missed as f64 > (1.0 - adaptive::FRAME_SHARE) * all as f64
+        let too_many = |pixels: u64| pixels as f64 > (1.0 - adaptive::FRAME_SHARE) * all as f64;
+        too_many(helpable) || (helpable > 0 && too_many(full + helpable) && !too_many(full))
     }
 
     /// Plan pass `pass` of a tile. `around` is given where [`Rule::looks_around`] and `pass` is above 0.
@@ -342,12 +345,23 @@ mod tests {
         let rule = Rule::Adaptive { relative_error: 0.1, confidence: 0.95, max_samples: 1024 };
         let verdict =
             |met| adaptive::Verdict { half_width: 1.0, relative: 1.0, standard_error: 0.5, met, batches: 4, goal: 8 };
-        let frame = |missed: usize, batches| {
-            (0..1000).map(move |i| if i < missed { (batches, verdict(false)) } else { (4, verdict(true)) })
+        let frame = |helpable: usize, full: usize| {
+            (0..1000).map(move |i| match i {
+                _ if i < helpable => (4, verdict(false)),
+                _ if i < helpable + full => (64, verdict(false)),
+                _ => (4, verdict(true)),
+            })
         };
-        assert!(rule.unsettled(frame(11, 4)));
-        assert!(!rule.unsettled(frame(10, 4)), "99% is what is asked for");
-        assert!(!rule.unsettled(frame(500, 64)), "nothing helps at the most samples");
-        assert!(!Rule::Uniform { samples: 64, batch: 16 }.unsettled(frame(500, 4)));
+        for (helpable, full, expected, why) in [
+            (11, 0, true, "the target is missed"),
+            (10, 0, false, "99% is what is asked for"),
+            (6, 5, true, "the target can be met by those that can be helped"),
+            (0, 500, false, "nothing helps at the most samples"),
+            (10, 500, false, "the target cannot be met, and few can be helped"),
+            (11, 500, true, "the target cannot be met, but many can be helped"),
+        ] {
+            assert_eq!(rule.unsettled(frame(helpable, full)), expected, "{why}");
+        }
+        assert!(!Rule::Uniform { samples: 64, batch: 16 }.unsettled(frame(500, 0)));
     }
 }

@@ -3,7 +3,8 @@
 //! A pixel is judged by its own moments and those of the pixels that touch it, exactly as they stood at the
 //! end of the pass before. Once it has stopped it stays so: a pixel that began again when a neighbour found
 //! something new would make the picture depend on where tiles end, since a finished tile is not looked at
-//! again.
+//! again. When all tiles of a frame are finished, or a job goes on to a finer target, all pixels of the frame
+//! are judged anew: [`super::judge_anew`].
 
 use common::{adaptive::Rule, pass::Work, tile::Rect};
 
@@ -103,6 +104,16 @@ mod tests {
         let step = next(&rule(), Rect::frame(3, 1), field(3, 1, |x, _| if x == 1 { stopped } else { noisy() }).field());
         let batches = batches(step);
         assert!(batches[0] > 0 && batches[1] == 0 && batches[2] > 0);
+    }
+
+    #[test]
+    fn a_film_judged_anew_by_a_finer_rule_goes_on_from_the_batches_it_has() {
+        let finer = Rule::new(0.0005, 0.95, 4096, BATCH);
+        let mut film = field(3, 3, |_, _| Moments { stopped: true, ..quiet() });
+        let tile = Rect::frame(3, 3);
+        assert_eq!(next(&finer, tile, film.field()), Step::Finished, "what has stopped stays so");
+        super::super::judge_anew(&mut film.moments);
+        assert!(batches(next(&finer, tile, film.field())).iter().all(|&n| n == 4), "doubled, from batch 4 on");
     }
 
     #[test]

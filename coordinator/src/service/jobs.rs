@@ -338,10 +338,9 @@ impl Service {
         let region = record.region.area() as f64;
         let target = measure::target(&record.quality);
         let running = status.state == JobState::Active;
-        let foreseen = foreseen(&record, &measure);
+        let foreseen = if running { foreseen(&record, &measure) } else { None };
         let spent = measure.work.cpu_seconds;
-        let left =
-            foreseen.filter(|_| running).zip(status.cpu_rate).map(|(all, rate)| (all.cpu_seconds - spent) / rate);
+        let left = foreseen.zip(status.cpu_rate).map(|(all, rate)| (all.cpu_seconds - spent) / rate);
         let progress = match record.quality {
             // What is spent, not what is rendered, brings it to its end.
             Quality::Time { cpu_seconds, .. } if !status.state.is_final() => (spent / cpu_seconds).min(1.0),
@@ -398,6 +397,9 @@ impl Service {
     /// Forecast a job that goes on, and keep that at the marks of [`FORECASTS`].
     pub(super) fn note_forecast(&self, id: JobId) {
         let Some(entry) = self.entry(id) else { return };
+        if lock(&entry.record).forecasts.len() == FORECASTS.len() {
+            return;
+        }
         let Some(status) = self.farm().job(id, self.now()) else { return };
         let mut record = lock(&entry.record);
         let next = FORECASTS.get(record.forecasts.len());

@@ -18,7 +18,7 @@ use crate::{
     bridge::blocking,
     error::Failure,
     farm::{Accepted, Effect, Event, TileKey, Wanted},
-    plan::{Field, RING, Rule, Surroundings, budget},
+    plan::{Field, RING, Rule, Surroundings, budget, judge_anew},
     store::{StoreError, StoredFilm, TileRecord, Write, film},
 };
 
@@ -287,7 +287,7 @@ impl Service {
 fn read_film(stored: &StoredFilm, rect: Rect) -> Result<Film, StoreError> {
     let mut film = film::decode(&stored.film, rect.area())?;
     if stored.record.fresh {
-        film.moments.iter_mut().for_each(|m| m.stopped = false);
+        judge_anew(&mut film.moments);
     }
     Ok(film)
 }
