@@ -14,10 +14,12 @@ use super::{
         traverse::{Items, Nearest, Traverse},
     },
     disk,
+    few::{self, Few, FewRays, Rays},
     simd::{Portable, Proof},
     sphere, surface, textbook,
     triangle::{self, RayFrame},
 };
+use crate::lanes::{Flag, Lane, NO, WIDTH, YES};
 
 /// How to build and how to ask.
 #[derive(Clone, Copy, Debug)]
@@ -69,6 +71,8 @@ pub struct Accel {
     test: TriangleTest,
     instructions: InstructionSet,
     proof: Proof,
+    /// The world, where it holds so little that it needs no tree.
+    few: Option<Few>,
 }
 
 /// Shapes under one tree. Primitives are numbered through all of them.
@@ -140,7 +144,65 @@ impl Accel {
             .into_iter()
             .find_map(|i| Some((i, i.prove()?)))
             .unwrap_or((InstructionSet::Portable, Proof::Portable(Portable)));
-        Self { world, objects, instances, bounds, stats, test, instructions, proof }
+        let few = (test == TriangleTest::Watertight && instances.is_empty()).then(|| world.few()).flatten();
+        Self { world, objects, instances, bounds, stats, test, instructions, proof, few }
+    }
+
+    /// Whether [`Accel::closest_of`] and [`Accel::occluded_of`] serve this world: it holds few primitives.
+    #[must_use]
+    pub fn is_small(&self) -> bool {
+        self.few.is_some()
+    }
+
+    /// The nearest hit of each active ray, as [`Accel::closest`] finds it; `false` where this is not served.
+    pub(crate) fn closest_of(
+        &self,
+        work: &mut FewRays,
+        rays: &Rays,
+        hits: &mut [Option<Hit>; WIDTH],
+        counters: &mut Counters,
+    ) -> bool {
+        let Some(few) = &self.few else { return false };
+        let mut nearest = [Nearest::none(0.0); WIDTH];
+        for (nearest, &t_max) in nearest.iter_mut().zip(rays.t_max).take(rays.n) {
+            *nearest = Nearest::none(t_max);
+        }
+        counters.rays += rays.count();
+        work.closest(few, rays, &mut nearest, counters);
+        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+            for &id in &few.others {
+                let open = Ray { t_max: nearest[i].t.next_up(), ..rays.at(i) };
+                if let Some(t) = self.world.other(id, &open) {
+                    nearest[i].offer(0, id, t, 0.0, 0.0);
+                }
+            }
+            hits[i] = nearest[i].found.then(|| self.hit(&nearest[i]));
+        }
+        true
+    }
+
+    /// Whether each active ray meets anything, as [`Accel::occluded`] finds; `false` where this is not served.
+    pub(crate) fn occluded_of(
+        &self,
+        work: &mut FewRays,
+        rays: &Rays,
+        occluded: &mut Lane<Flag>,
+        counters: &mut Counters,
+    ) -> bool {
+        let Some(few) = &self.few else { return false };
+        occluded[..rays.n].fill(NO);
+        counters.rays += rays.count();
+        work.occluded(few, rays, occluded, counters);
+        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+            for &id in &few.others {
+                if occluded[i] == NO {
+                    let open = Ray { t_max: rays.t_max[i].next_up(), ..rays.at(i) };
+                    let t = self.world.other(id, &open);
+                    occluded[i] = Flag::from(t.is_some_and(|t| t < rays.t_max[i]));
+                }
+            }
+        }
+        true
     }
 
     /// The nearest hit of a ray.
@@ -377,6 +439,24 @@ impl Group {
         };
         let tree = Tree::build(refs, method, corners);
         Self { shapes, first, tree, dropped }
+    }
+
+    /// Its primitives, where they are few and in no instance.
+    fn few(&self) -> Option<Few> {
+        if self.primitives() as usize > few::MOST_TRIANGLES + few::MOST_OTHERS {
+            return None;
+        }
+        let (mut triangles, mut others) = (Vec::new(), Vec::new());
+        for (shape, &first) in self.shapes.iter().zip(&self.first) {
+            match shape {
+                Shape::Mesh(mesh) => triangles.extend((0..mesh.triangles.len()).filter_map(|k| {
+                    let corners = mesh.corners(k).filter(|&c| triangle::is_usable(c))?;
+                    Some((first + k as u32, corners.map(|p| p.to_array())))
+                })),
+                _ => others.extend(shape.bounds().map(|_| first)),
+            }
+        }
+        Few::new(triangles, others)
     }
 
     /// How many numbers are given to primitives, dropped ones too. Instances are numbered from here.

@@ -155,30 +155,39 @@ impl RayFrame {
         3.0 * edge * (z_max - z_min) + 2.0 * UNIT * mz * det
     }
 
-    /// The parameter at which the ray meets the plane of a triangle, in `f64`; none where its sign is in doubt
-    /// even so. The corners are exact; every difference, product and sum below is rounded once.
     #[inline(never)]
     fn exact_parameter(&self, corners: [[f32; 3]; 3]) -> Option<f32> {
-        let permuted = corners.map(|p| self.axes.map(|k| f64::from(p[k])));
-        let [a, b, c] = permuted;
-        let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-        let (u, v, to) = (minus(b, a), minus(c, a), minus(a, self.origin.map(f64::from)));
-        let direction = self.direction.map(f64::from);
-        let (mut offset, mut speed, mut sizes) = (0.0, 0.0, [0.0; 2]);
-        for k in 0..3 {
-            let (i, j) = ([1, 2, 0][k], [2, 0, 1][k]);
-            let (p, q) = (u[i] * v[j], u[j] * v[i]);
-            let size = p.abs() + q.abs();
-            offset += (p - q) * to[k];
-            speed += (p - q) * direction[k];
-            sizes[0] += size * to[k].abs();
-            sizes[1] += size * direction[k].abs();
-        }
-        // Three roundings before a product, two of products, one of a difference, three of a sum: with room.
-        const ERROR: f64 = 8.0 * f64::EPSILON;
-        let sure = offset.abs() > ERROR * sizes[0] && speed.abs() > ERROR * sizes[1];
-        sure.then_some((offset / speed) as f32)
+        let permuted = corners.map(|p| self.axes.map(|k| p[k]));
+        let (t, certain) = exact_parameter(permuted, self.origin, self.direction.map(f64::from));
+        certain.then_some(t)
     }
+}
+
+/// The parameter at which a ray meets the plane of a triangle, in `f64`, and whether its sign is certain. The
+/// corners are exact; every difference, product and sum below is rounded once. Without branches, so that loops
+/// over it become vector code.
+#[inline(always)]
+pub(super) fn exact_parameter(corners: [[f32; 3]; 3], origin: [f32; 3], direction: [f64; 3]) -> (f32, bool) {
+    let [a, b, c] = corners;
+    // An `f32` is exact in `f64`.
+    let minus = |a: [f32; 3], b: [f32; 3]| {
+        [f64::from(a[0]) - f64::from(b[0]), f64::from(a[1]) - f64::from(b[1]), f64::from(a[2]) - f64::from(b[2])]
+    };
+    let (u, v, to) = (minus(b, a), minus(c, a), minus(a, origin));
+    // The normal, and what its coordinates were made of: written out, for loops within loops stay scalar.
+    let (px, qx) = (u[1] * v[2], u[2] * v[1]);
+    let (py, qy) = (u[2] * v[0], u[0] * v[2]);
+    let (pz, qz) = (u[0] * v[1], u[1] * v[0]);
+    let (nx, ny, nz) = (px - qx, py - qy, pz - qz);
+    let (mx, my, mz) = (px.abs() + qx.abs(), py.abs() + qy.abs(), pz.abs() + qz.abs());
+    let offset = nx * to[0] + ny * to[1] + nz * to[2];
+    let speed = nx * direction[0] + ny * direction[1] + nz * direction[2];
+    let offset_size = mx * to[0].abs() + my * to[1].abs() + mz * to[2].abs();
+    let speed_size = mx * direction[0].abs() + my * direction[1].abs() + mz * direction[2].abs();
+    // Three roundings before a product, two of products, one of a difference, three of a sum: with room.
+    const ERROR: f64 = 8.0 * f64::EPSILON;
+    let certain = (offset.abs() > ERROR * offset_size) & (speed.abs() > ERROR * speed_size);
+    ((offset / speed) as f32, certain)
 }
 
 // One instruction each, unlike `f64::min` and `f64::max`, which look after NaN.

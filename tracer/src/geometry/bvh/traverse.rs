@@ -30,7 +30,7 @@ use super::{
 const STACK: usize = 7 * (MAX_DEPTH + 1) + 8;
 /// Relative widening, in units of the last place of 1: 2 gamma(3) for the slabs, 2 gamma(5) for the
 /// corners, and as much again.
-const WIDEN: f32 = 16.0 * f32::EPSILON;
+pub(in super::super) const WIDEN: f32 = 16.0 * f32::EPSILON;
 
 /// The nearest hit so far. Ordered by parameter, then instance, then primitive.
 #[derive(Clone, Copy, Debug)]

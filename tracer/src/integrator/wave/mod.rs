@@ -7,21 +7,20 @@
 //! code; other materials and lights take part one path at a time. It serves scenes without attributes
 //! and opacity masks; there is no probe.
 
-mod lanes;
 mod stages;
 mod state;
 #[cfg(test)]
 mod tests;
 
-pub use lanes::{Compiled, WIDTH};
+pub use crate::lanes::{Compiled, WIDTH};
 pub use state::Wave;
 
-use lanes::{Flag, Lane, NO, YES};
+use crate::lanes::{Flag, Lane, NO, YES};
 use state::{Came, Scatters};
 
 use super::{Integrator, Kernel, Sample, Strategy, dimension, power_heuristic};
 use crate::{
-    geometry::{Counters, Hit, Ray, SurfacePoint, spawn},
+    geometry::{Counters, Hit, Ray, Rays, SurfacePoint, spawn},
     light::{Reference, Stratum},
     material::Material,
     math::{Rgb, Vec2, Vec3},
@@ -120,13 +119,27 @@ impl Integrator<'_> {
     /// on anything but triangles are returned, by lane.
     fn wave_trace(&self, wave: &mut Wave, depth: u32, counters: &mut Counters) -> Others {
         let mut others = Others { n: 0, lanes: [0; WIDTH], points: [Others::NOWHERE; WIDTH] };
+        let mut hits = [None; WIDTH];
+        let accel = self.scene.accel();
+        let rays = Rays {
+            n: wave.n,
+            active: &wave.alive,
+            origin: &wave.origin,
+            direction: &wave.direction,
+            t_max: &wave.t_max,
+        };
+        if !accel.closest_of(&mut wave.few, &rays, &mut hits, counters) {
+            for (i, hit) in hits.iter_mut().enumerate().take(rays.n).filter(|&(i, _)| rays.active[i] == YES) {
+                *hit = accel.closest(&rays.at(i), counters);
+            }
+        }
         let mut kept = 0;
-        for i in 0..wave.n {
+        for (i, hit) in hits.into_iter().enumerate().take(wave.n) {
             if wave.alive[i] == NO {
                 continue;
             }
             let ray = wave.ray(i);
-            let Some(hit) = self.scene.closest(&ray, counters) else {
+            let Some(hit) = hit else {
                 if self.counts(depth) && self.scene.facts().environment {
                     let wi = ray.direction.normalize();
                     let lights = self.scene.lights();
@@ -243,19 +256,29 @@ impl Integrator<'_> {
         }
         stages::shadow_rays(wave.proven, wave);
         for i in 0..wave.n {
-            if wave.lit[i] == YES {
-                let ray = if wave.infinite[i] == YES {
-                    spawn(wave.p.at(i), wave.p_error.at(i), wave.ng.at(i), wave.wi.at(i))
-                } else {
-                    Ray {
-                        origin: wave.shadow_origin.at(i),
-                        direction: wave.shadow_direction.at(i),
-                        t_max: wave.shadow_t_max[i],
-                    }
-                };
-                if !self.scene.occluded(&ray, counters) {
-                    wave.radiance.set(i, wave.radiance.at(i) + wave.throughput.at(i) * wave.brings.at(i));
-                }
+            if wave.lit[i] == YES && wave.infinite[i] == YES {
+                let ray = spawn(wave.p.at(i), wave.p_error.at(i), wave.ng.at(i), wave.wi.at(i));
+                wave.shadow_origin.set(i, ray.origin);
+                wave.shadow_direction.set(i, ray.direction);
+                wave.shadow_t_max[i] = ray.t_max;
+            }
+        }
+        let rays = Rays {
+            n: wave.n,
+            active: &wave.lit,
+            origin: &wave.shadow_origin,
+            direction: &wave.shadow_direction,
+            t_max: &wave.shadow_t_max,
+        };
+        let accel = self.scene.accel();
+        if !accel.occluded_of(&mut wave.few, &rays, &mut wave.occluded, counters) {
+            for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+                wave.occluded[i] = Flag::from(accel.occluded(&rays.at(i), counters));
+            }
+        }
+        for i in 0..wave.n {
+            if wave.lit[i] == YES && wave.occluded[i] == NO {
+                wave.radiance.set(i, wave.radiance.at(i) + wave.throughput.at(i) * wave.brings.at(i));
             }
         }
     }

@@ -1,12 +1,10 @@
 //! The stages that all paths of a wave go through alike: loops without branches over whole groups of lanes.
 
-use super::{
-    lanes::{Flag, YES, covering, stage},
-    state::{Came, Scatters, Wave},
-};
+use super::state::{Came, Scatters, Wave};
 use crate::{
     geometry::{spawn, spawn_to, surface::triangle_point},
     integrator::power_heuristic,
+    lanes::{Flag, YES, covering, stage},
     light::Lamp,
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
     sampler::default_two,

@@ -1,13 +1,10 @@
 //! What is known of the paths of a wave.
 
-use super::{
-    Traced,
-    lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES},
-    stages,
-};
+use super::{Traced, stages};
 use crate::{
-    geometry::Ray,
+    geometry::{FewRays, Ray},
     integrator::{Arrival, Sample},
+    lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES},
     light::{LightSample, Reference},
     math::Frame,
     sampler::{Sampler, Stream},
@@ -91,6 +88,8 @@ pub struct Wave {
     pub(super) shadow_origin: Lane3,
     pub(super) shadow_direction: Lane3,
     pub(super) shadow_t_max: Lane<f32>,
+    pub(super) occluded: Lane<Flag>,
+    pub(super) few: FewRays,
     pub(super) traced: [Traced; WIDTH],
 }
 
@@ -154,6 +153,8 @@ impl Wave {
             shadow_origin: zeros,
             shadow_direction: zeros,
             shadow_t_max: zero,
+            occluded: [NO; WIDTH],
+            few: FewRays::new(proven),
             traced: [Traced::NOTHING; WIDTH],
         }))
     }

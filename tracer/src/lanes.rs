@@ -13,24 +13,24 @@ pub const WIDTH: usize = 64;
 const GROUP: usize = 16;
 
 /// A number for each path.
-pub(super) type Lane<T> = [T; WIDTH];
+pub(crate) type Lane<T> = [T; WIDTH];
 
 /// Yes or no. As wide as a number: compilers cannot tell that arrays of different strides do not overlap, and
 /// then make no vector code.
-pub(super) type Flag = u32;
-pub(super) const NO: Flag = 0;
-pub(super) const YES: Flag = 1;
+pub(crate) type Flag = u32;
+pub(crate) const NO: Flag = 0;
+pub(crate) const YES: Flag = 1;
 
 /// How many lanes a stage runs over to cover `n` paths.
 #[inline(always)]
-pub(super) fn covering(n: usize) -> usize {
+pub(crate) fn covering(n: usize) -> usize {
     n.next_multiple_of(GROUP).min(WIDTH)
 }
 
 /// A vector for each path.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
-pub(super) struct Lane3 {
+pub(crate) struct Lane3 {
     x: Lane<f32>,
     y: Lane<f32>,
     z: Lane<f32>,
@@ -99,7 +99,7 @@ impl Compiled {
 
 /// An instruction set that this processor was seen to have.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Proven(Compiled);
+pub(crate) struct Proven(Compiled);
 
 impl Proven {
     /// `None` where the processor lacks it.
@@ -116,8 +116,8 @@ impl Proven {
 macro_rules! stage {
     ($(#[$meta:meta])* $vis:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
         $(#[$meta])*
-        #[allow(clippy::too_many_arguments)]
-        $vis fn $name(proven: $crate::integrator::wave::lanes::Proven, $($argument: $type),*) {
+        #[allow(clippy::too_many_arguments, clippy::needless_range_loop)]
+        $vis fn $name(proven: $crate::lanes::Proven, $($argument: $type),*) {
             #[inline(always)]
             fn baseline($($argument: $type),*) $body
             #[cfg(target_arch = "x86_64")]
@@ -133,13 +133,13 @@ macro_rules! stage {
             match proven.compiled() {
                 #[cfg(target_arch = "x86_64")]
                 // SAFETY: `proven` exists only where the processor has these instructions.
-                $crate::integrator::wave::lanes::Compiled::Avx512 => unsafe { avx512($($argument),*) },
+                $crate::lanes::Compiled::Avx512 => unsafe { avx512($($argument),*) },
                 #[cfg(target_arch = "x86_64")]
                 // SAFETY: as above.
-                $crate::integrator::wave::lanes::Compiled::Avx2 => unsafe { avx2($($argument),*) },
+                $crate::lanes::Compiled::Avx2 => unsafe { avx2($($argument),*) },
                 _ => baseline($($argument),*),
             }
         }
     };
 }
-pub(super) use stage;
+pub(crate) use stage;
