@@ -255,7 +255,7 @@ pub(crate) mod tests {
                 progress: 0.2,
                 made_at_seconds: 0.5,
                 samples: 5000.0,
-                cpu_seconds: 2.4,
+                cpu_seconds: 1.5,
                 wall_seconds: 1.5,
             }],
             statistics: JobStatistics {
@@ -280,7 +280,7 @@ pub(crate) mod tests {
         assert_eq!(report.pixels_missed, Some(2));
         let forecast = report.forecast[0];
         assert_eq!(forecast.samples, Compared { predicted: 5000.0, actual: 4000.0, ratio: 1.25 });
-        assert_eq!((forecast.cpu_seconds.ratio, forecast.wall_seconds.ratio), (0.8, 0.75));
+        assert_eq!((forecast.cpu_seconds.ratio, forecast.wall_seconds.ratio), (0.5, 0.75));
         assert_eq!(
             report.line(),
             "4.00 ksamples (20.0 a pixel, 128 at most) in 2.0 s, error 4.0% in 99% of pixels: target 10% met, \
