@@ -66,7 +66,7 @@ pub struct FewRays {
     grouped: Frames<ROOM>,
     lane: [u32; ROOM],
     /// One bit for each triangle that may be hit.
-    maybe: [[u32; 2]; ROOM],
+    maybe: [[u32; ROOM]; 2],
     /// Whether some triangle is surely hit.
     sure: [Flag; ROOM],
     candidates: Candidates,
@@ -116,7 +116,7 @@ impl FewRays {
             axis: [0; WIDTH],
             grouped: Frames::EMPTY,
             lane: [0; ROOM],
-            maybe: [[0; 2]; ROOM],
+            maybe: [[0; ROOM]; 2],
             sure: [NO; ROOM],
             candidates: Candidates {
                 n: 0,
@@ -138,30 +138,36 @@ impl FewRays {
     /// how many there are.
     fn group(&mut self, few: &Few, rays: &Rays, counters: &mut Counters) -> [(usize, usize); 3] {
         frames(self.proven, self, rays);
+        let mut counts = [0usize; 3];
+        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+            if let Some(count) = counts.get_mut(self.axis[i] as usize) {
+                *count += 1;
+            }
+        }
         let mut groups = [(0, 0); 3];
         let mut next = 0;
-        for (axis, group) in groups.iter_mut().enumerate() {
+        for (group, count) in groups.iter_mut().zip(counts) {
             *group = (next, 0);
-            for i in 0..rays.n {
-                if rays.active[i] == NO || self.axis[i] != axis as u32 {
-                    continue;
-                }
-                let to = next + group.1;
-                for k in 0..3 {
-                    self.grouped.origin[k][to] = self.frame.origin[k][i];
-                    self.grouped.direction[k][to] = self.frame.direction[k][i];
-                }
-                for k in 0..2 {
-                    self.grouped.shear[k][to] = self.frame.shear[k][i];
-                }
-                self.grouped.reciprocal[to] = self.frame.reciprocal[i];
-                self.grouped.t_max[to] = rays.t_max[i];
-                self.lane[to] = i as u32;
-                group.1 += 1;
-            }
-            next += group.1.next_multiple_of(LANES);
-            counters.primitive_tests += (group.1 * (few.ids.len() + few.others.len())) as u64;
+            next += count.next_multiple_of(LANES);
         }
+        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+            let Some((start, count)) = groups.get_mut(self.axis[i] as usize) else { continue };
+            let to = (*start + *count) % ROOM;
+            *count += 1;
+            let (frame, grouped) = (&self.frame, &mut self.grouped);
+            for k in 0..3 {
+                grouped.origin[k][to] = frame.origin[k][i];
+                grouped.direction[k][to] = frame.direction[k][i];
+            }
+            for k in 0..2 {
+                grouped.shear[k][to] = frame.shear[k][i];
+            }
+            grouped.reciprocal[to] = frame.reciprocal[i];
+            grouped.t_max[to] = rays.t_max[i];
+            self.lane[to] = i as u32;
+        }
+        let tested = counts.iter().sum::<usize>() * (few.ids.len() + few.others.len());
+        counters.primitive_tests += tested as u64;
         groups
     }
 
@@ -188,11 +194,11 @@ impl FewRays {
             if count == 0 || few.ids.is_empty() {
                 continue;
             }
-            filter(self.proven, self, &few.triangles[axis], start, count);
+            filter_any(self.proven, self, &few.triangles[axis], start, count);
             for i in start..start + count {
                 if self.sure[i] == YES {
                     occluded[self.lane[i] as usize] = YES;
-                    self.maybe[i] = [0; 2];
+                    (self.maybe[0][i], self.maybe[1][i]) = (0, 0);
                 }
             }
             self.each_candidate(few, axis, start..start + count, |work, c| {
@@ -213,7 +219,7 @@ impl FewRays {
         mut hit: impl FnMut(&Self, usize),
     ) {
         for ray in rays {
-            let mut bits = u64::from(self.maybe[ray][0]) | u64::from(self.maybe[ray][1]) << 32;
+            let mut bits = u64::from(self.maybe[0][ray]) | u64::from(self.maybe[1][ray]) << 32;
             while bits != 0 {
                 let triangle = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
@@ -331,52 +337,74 @@ fn most(a: f32, b: f32, c: f32) -> f32 {
 }
 
 stage! {
-    /// As `WideFrame::candidates`, of `count` grouped rays from `start` on.
+    /// What [`held`] leaves of `count` grouped rays from `start` on.
     fn filter(work: &mut FewRays, triangles: &[Corners], start: usize, count: usize) {
-        for block in (start..start + count).step_by(LANES) {
-            let take = |from: &[f32; ROOM]| -> [f32; LANES] { std::array::from_fn(|l| from[(block + l) % ROOM]) };
-            let [ox, oy, oz] = [0, 1, 2].map(|k| take(&work.grouped.origin[k]));
-            let [sx, sy] = [0, 1].map(|k| take(&work.grouped.shear[k]));
-            let rz = take(&work.grouped.reciprocal);
-            let t_far = take(&work.grouped.t_max).map(|t| t * (1.0 + WIDEN));
-            let mut maybe = [[0u32; LANES]; 2];
-            let mut sure = [NO; LANES];
-            for (half, triangles) in triangles.chunks(32).enumerate().take(2) {
-                let mut found = [0u32; LANES];
-                for (j, c) in triangles.iter().enumerate() {
-                    for l in 0..LANES {
-                        let z = [c[2] - oz[l], c[5] - oz[l], c[8] - oz[l]];
-                        let x = [
-                            (c[0] - ox[l]) - sx[l] * z[0],
-                            (c[3] - ox[l]) - sx[l] * z[1],
-                            (c[6] - ox[l]) - sx[l] * z[2],
-                        ];
-                        let y = [
-                            (c[1] - oy[l]) - sy[l] * z[0],
-                            (c[4] - oy[l]) - sy[l] * z[1],
-                            (c[7] - oy[l]) - sy[l] * z[2],
-                        ];
-                        let e0 = x[1] * y[2] - y[1] * x[2];
-                        let e1 = x[2] * y[0] - y[2] * x[0];
-                        let e2 = x[0] * y[1] - y[0] * x[1];
-                        let (lo, hi) = (least(e0, e1, e2), most(e0, e1, e2));
-                        let t = [z[0] * rz[l], z[1] * rz[l], z[2] * rz[l]];
-                        let (t_lo, t_hi) = (least(t[0], t[1], t[2]), most(t[0], t[1], t[2]));
-                        // Rejected only by what is certain: a NaN is kept to be decided.
-                        let out = (lo < 0.0) & (0.0 < hi) | (t_hi < 0.0) | (t_far[l] < t_lo);
-                        found[l] |= u32::from(!out) << j;
+        held::<false>(work, triangles, start, count);
+    }
+}
+
+stage! {
+    /// The same, and which rays surely meet something.
+    fn filter_any(work: &mut FewRays, triangles: &[Corners], start: usize, count: usize) {
+        held::<true>(work, triangles, start, count);
+    }
+}
+
+/// As `WideFrame::candidates`: the triangles that rays may hit, of `count` grouped rays from `start` on. With
+/// `ANY`, also whether a ray surely hits one before its end.
+#[inline(always)]
+fn held<const ANY: bool>(work: &mut FewRays, triangles: &[Corners], start: usize, count: usize) {
+    for block in (start..start + count).step_by(LANES) {
+        let mut rays = [[0.0f32; LANES]; 7];
+        for l in 0..LANES {
+            let i = (block + l) % ROOM;
+            let Frames { origin, shear, reciprocal, t_max, .. } = &work.grouped;
+            rays[0][l] = origin[0][i];
+            rays[1][l] = origin[1][i];
+            rays[2][l] = origin[2][i];
+            rays[3][l] = shear[0][i];
+            rays[4][l] = shear[1][i];
+            rays[5][l] = reciprocal[i];
+            rays[6][l] = t_max[i] * (1.0 + WIDEN);
+        }
+        let [ox, oy, oz, sx, sy, rz, t_far] = rays;
+        let mut maybe = [[0u32; LANES]; 2];
+        let mut sure = [NO; LANES];
+        for (half, triangles) in triangles.chunks(32).enumerate().take(2) {
+            let mut found = [0u32; LANES];
+            for (j, c) in triangles.iter().enumerate() {
+                for l in 0..LANES {
+                    let z = [c[2] - oz[l], c[5] - oz[l], c[8] - oz[l]];
+                    let x =
+                        [(c[0] - ox[l]) - sx[l] * z[0], (c[3] - ox[l]) - sx[l] * z[1], (c[6] - ox[l]) - sx[l] * z[2]];
+                    let y =
+                        [(c[1] - oy[l]) - sy[l] * z[0], (c[4] - oy[l]) - sy[l] * z[1], (c[7] - oy[l]) - sy[l] * z[2]];
+                    let e0 = x[1] * y[2] - y[1] * x[2];
+                    let e1 = x[2] * y[0] - y[2] * x[0];
+                    let e2 = x[0] * y[1] - y[0] * x[1];
+                    let (lo, hi) = (least(e0, e1, e2), most(e0, e1, e2));
+                    let t = [z[0] * rz[l], z[1] * rz[l], z[2] * rz[l]];
+                    let t_hi = most(t[0], t[1], t[2]);
+                    // Rejected only by what is certain: a NaN is kept to be decided. Rays that look for the nearest
+                    // hit mostly have no end, and what lies beyond it is not taken anyway.
+                    let mut out = (lo < 0.0) & (0.0 < hi) | (t_hi < 0.0);
+                    if ANY {
+                        let t_lo = least(t[0], t[1], t[2]);
+                        out |= t_far[l] < t_lo;
                         let inside = (0.0 < lo) & (hi < 1e30) | (hi < 0.0) & (-1e30 < lo);
                         let near = t_far[l] * (1.0 - 64.0 * f32::EPSILON);
                         sure[l] |= Flag::from(!out & inside & (1e-30 < t_lo) & (t_hi < near));
                     }
+                    found[l] |= u32::from(!out) << j;
                 }
-                maybe[half] = found;
             }
-            for l in 0..LANES {
-                let i = (block + l) % ROOM;
-                work.maybe[i] = [maybe[0][l], maybe[1][l]];
-                work.sure[i] = sure[l];
-            }
+            maybe[half] = found;
+        }
+        for l in 0..LANES {
+            let i = (block + l) % ROOM;
+            work.maybe[0][i] = maybe[0][l];
+            work.maybe[1][i] = maybe[1][l];
+            work.sure[i] = sure[l];
         }
     }
 }
