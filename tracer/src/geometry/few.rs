@@ -352,6 +352,8 @@ stage! {
 
 /// As `WideFrame::candidates`: the triangles that rays may hit, of `count` grouped rays from `start` on. With
 /// `ANY`, also whether a ray surely hits one before its end.
+// Loops over lanes of many arrays at once.
+#[allow(clippy::needless_range_loop)]
 #[inline(always)]
 fn held<const ANY: bool>(work: &mut FewRays, triangles: &[Corners], start: usize, count: usize) {
     for block in (start..start + count).step_by(LANES) {
