@@ -12,7 +12,7 @@ use common::{
     method::{Adaptive, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
 };
 
-use crate::{soak::SoakArgs, stability::StabilityArgs};
+use crate::{coverage::CoverageArgs, soak::SoakArgs, stability::StabilityArgs};
 
 /// A render farm with its own path tracer.
 #[derive(Debug, Parser)]
@@ -58,6 +58,8 @@ pub enum Command {
     Stability(StabilityArgs),
     /// Render a great many samples of everything, and find those that are not finite or below 0
     Soak(SoakArgs),
+    /// Measure how often error bars hold the truth, and what they cost
+    Coverage(CoverageArgs),
 }
 
 /// What to do with a scene file.
@@ -485,6 +487,7 @@ mod tests {
             "scene schema",
             "stability -o d --only roulette",
             "soak --samples 1e9 --scenes scenes --scenes a.json --only glass --threads 2 --keep d --json",
+            "coverage -o d --page p.md --trials 90 --quick --only simulated",
         ] {
             let words = ["tessera"].into_iter().chain(line.split(' '));
             assert!(Cli::try_parse_from(words).is_ok(), "{line}");

@@ -6,6 +6,7 @@
 mod args;
 mod bundle;
 mod continued;
+pub mod coverage;
 mod error;
 mod farm;
 mod jobs;
@@ -75,6 +76,7 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Scene(command) => scene::scene(command),
         Command::Stability(args) => Ok(stability::command(args)?),
         Command::Soak(args) => soak::command(args),
+        Command::Coverage(args) => coverage::command(args),
     }
 }
 

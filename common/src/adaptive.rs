@@ -8,9 +8,10 @@
 //! The textbook rule looks at one pixel again and again and stops the first time its interval is short
 //! enough. It thereby picks out the moments when light has been missed: where a bright event has
 //! probability 0.01, most pixels stop at the first look. Four things keep this rule honest:
-//! the samples still needed are predicted, so that there are few looks; the variance is that pooled with
-//! the pixel's neighbours, or its own where that is significantly larger, so that a pixel which has missed an event learns
-//! of it from those that saw it; the quantile is Student's; and zero variance is never convergence.
+//! the samples still needed are predicted, so that there are few looks; the variance is the pixel's own
+//! shrunk towards that of its neighbours, so that a pixel which has missed an event learns of it from those
+//! that saw it, while neighbours that are significantly quieter have no say; the quantile is Student's; and
+//! zero variance is never convergence.
 
 use crate::film::Moments;
 
@@ -22,18 +23,52 @@ pub const GROWTH: u32 = 2;
 pub const SLACK: f64 = 1.05;
 /// The normal quantile is widened by this, against the few looks that remain.
 pub const WIDENING: f64 = 1.01;
-/// A pixel's own variance counts where it exceeds the pooled one by this many of its standard deviations
-/// (relative: sqrt(2 / degrees of freedom)). Taking the larger of the two at once would pay for chance:
-/// about 10% more samples where neighbours are alike.
-pub const OWN_SIGNIFICANCE: f64 = 3.0;
-/// An interval that rests on the pixel's own batches alone is widened by this: it has no neighbours to
-/// tell of events it missed.
-pub const OWN_WIDENING: f64 = 1.05;
+/// A neighbour has no say in a pixel's variance where the pixel's own exceeds it by this many standard
+/// deviations of the two estimates' ratio, sqrt(2 / f + 2 / g) with f and g degrees of freedom: noise is not
+/// talked away by what is quiet, at the edge of a shadow or of an object.
+pub const SIGNIFICANCE: f64 = 4.0;
+/// Degrees of freedom that the neighbours count for at most: the more batches a pixel has of its own, the
+/// less it needs them. More would cost samples where variances scatter (heavy tails), fewer would let a
+/// pixel forget what only its neighbours saw.
+pub const STRENGTH: u32 = 128;
+/// Intervals are widened by this over their degrees of freedom: Student's quantile takes batch means for
+/// normal, and the fewer they are the less they are so.
+pub const FEW: f64 = 1.0;
 /// Share of pixels that must keep the target for the frame to count as having met it.
 pub const FRAME_SHARE: f64 = 0.99;
 /// Luminance below which the error is relative to this value instead of the pixel's own: one hundredth of
 /// display white. Without a floor, pixels that are black but for rare light could never be finished.
 pub const FLOOR: f64 = 0.01;
+
+/// The numbers that the study may vary; `Default` is what renders.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Constants {
+    /// See [`SLACK`].
+    pub slack: f64,
+    /// See [`WIDENING`].
+    pub widening: f64,
+    /// See [`SIGNIFICANCE`].
+    pub significance: f64,
+    /// See [`STRENGTH`].
+    pub strength: u32,
+    /// See [`FEW`].
+    pub few: f64,
+    /// See [`PILOT_BATCHES`].
+    pub pilot: u32,
+}
+
+impl Default for Constants {
+    fn default() -> Self {
+        Self {
+            slack: SLACK,
+            widening: WIDENING,
+            significance: SIGNIFICANCE,
+            strength: STRENGTH,
+            few: FEW,
+            pilot: PILOT_BATCHES,
+        }
+    }
+}
 
 /// The target and the limits of an adaptive frame.
 #[derive(Debug, Clone)]
@@ -42,6 +77,7 @@ pub struct Rule {
     confidence: f64,
     batch: u32,
     max_batches: u32,
+    constants: Constants,
     /// Normal quantile that Student's goes to.
     z: f64,
     quantiles: Vec<f64>,
@@ -73,11 +109,17 @@ impl Rule {
     /// A rule for pixels whose samples come in batches of `batch`.
     #[must_use]
     pub fn new(relative_error: f64, confidence: f64, max_samples: u32, batch: u32) -> Self {
-        let z = normal_quantile(0.5 + 0.5 * confidence) * WIDENING;
+        Self::with(Constants::default(), relative_error, confidence, max_samples, batch)
+    }
+
+    /// The same with other constants: for the study of what they do.
+    #[must_use]
+    pub fn with(constants: Constants, relative_error: f64, confidence: f64, max_samples: u32, batch: u32) -> Self {
+        let z = normal_quantile(0.5 + 0.5 * confidence) * constants.widening;
         let probability = normal_cdf(z);
         let quantiles = (1..=TABLED).map(|dof| student_quantile(probability, dof as f64)).collect();
         let max_batches = max_samples.div_ceil(batch.max(1)).max(1);
-        Self { relative_error, confidence, batch: batch.max(1), max_batches, z, quantiles }
+        Self { relative_error, confidence, batch: batch.max(1), max_batches, constants, z, quantiles }
     }
 
     /// Most batches a pixel may get.
@@ -89,7 +131,7 @@ impl Rule {
     /// Batches of the first pass.
     #[must_use]
     pub fn pilot(&self) -> u32 {
-        PILOT_BATCHES.min(self.max_batches)
+        self.constants.pilot.min(self.max_batches)
     }
 
     /// Samples of a batch.
@@ -119,7 +161,7 @@ impl Rule {
         let wanted = if met {
             own.batches
         } else if half_width > 0.0 && half_width.is_finite() {
-            predicted(own.batches, half_width / allowed)
+            predicted_with(own.batches, half_width / allowed, self.constants.slack)
         } else {
             u32::MAX
         };
@@ -131,32 +173,35 @@ impl Rule {
         Verdict { half_width, relative: half_width / scale, standard_error, met, batches, goal }
     }
 
-    /// Half-width of the interval of the luminance, and the standard error: Student's quantile times the
-    /// standard error from the variance pooled over `around`, or from the pixel's own where that is
-    /// significantly larger. 0 where no batch differed from another, infinite below two batches.
+    /// Half-width of the interval of the luminance, Student's quantile times the standard error, and that error.
+    /// The variance is the pixel's own and that of the neighbours with a say, each weighing its degrees of
+    /// freedom, the neighbours together at most [`STRENGTH`] of them. 0 where no batch differed from another,
+    /// infinite below two batches.
     fn half_width<'a>(&self, own: &Moments, around: impl IntoIterator<Item = &'a Moments>) -> (f64, f64) {
         if own.batches < 2 {
             return (f64::INFINITY, f64::INFINITY);
         }
-        let (mut m2, mut dof) = (0.0, 0u64);
+        let own_dof = f64::from(own.batches - 1);
+        let own_variance = own.m2 / own_dof;
+        // The pixel itself is one of those around it: it always has its say, and is taken off again.
+        let (mut m2, mut dof) = (-own.m2, -own_dof);
         for pixel in around {
             if pixel.batches >= 2 && !pixel.known {
-                m2 += pixel.m2;
-                dof += u64::from(pixel.batches - 1);
+                let its_dof = f64::from(pixel.batches - 1);
+                let scatter = (2.0 / own_dof + 2.0 / its_dof).sqrt();
+                if own_variance <= pixel.m2 / its_dof * (1.0 + self.constants.significance * scatter) {
+                    m2 += pixel.m2;
+                    dof += its_dof;
+                }
             }
         }
-        let own_dof = u64::from(own.batches - 1);
-        let own_variance = own.m2 / own_dof as f64;
-        let pooled_variance = if dof == 0 { 0.0 } else { m2 / dof as f64 };
-        let error = |variance: f64| (variance / f64::from(own.samples)).sqrt();
-        let pooled = self.quantile(dof) * error(pooled_variance);
-        let significant = 1.0 + OWN_SIGNIFICANCE * (2.0 / own_dof as f64).sqrt();
-        if own_variance > pooled_variance * significant {
-            let alone = OWN_WIDENING * self.quantile(own_dof) * error(own_variance);
-            (pooled.max(alone), error(own_variance))
-        } else {
-            (pooled, error(pooled_variance))
-        }
+        let strength = dof.clamp(0.0, f64::from(self.constants.strength));
+        let neighbours = if dof > 0.0 { m2.max(0.0) / dof } else { 0.0 };
+        let total = own_dof + strength;
+        let variance = (own.m2 + strength * neighbours) / total;
+        let error = (variance / f64::from(own.samples)).sqrt();
+        let few = 1.0 + self.constants.few / total;
+        (few * self.quantile(total as u64) * error, error)
     }
 
     fn quantile(&self, dof: u64) -> f64 {
@@ -171,7 +216,11 @@ impl Rule {
 /// than `batches`.
 #[must_use]
 pub fn predicted(batches: u32, ratio: f64) -> u32 {
-    ceil_to_u32(f64::from(batches) * ratio * ratio * SLACK).max(batches.saturating_add(1))
+    predicted_with(batches, ratio, SLACK)
+}
+
+fn predicted_with(batches: u32, ratio: f64, slack: f64) -> u32 {
+    ceil_to_u32(f64::from(batches) * ratio * ratio * slack).max(batches.saturating_add(1))
 }
 
 fn ceil_to_u32(x: f64) -> u32 {
@@ -306,12 +355,23 @@ mod tests {
         let (quiet, lit) = (pixel(&[1.0, 1.001, 1.0, 0.999]), pixel(&[1.0, 9.0, 1.0, 1.0]));
         assert!(rule().judge(&quiet, [&quiet]).met);
         assert!(!rule().judge(&quiet, [&quiet, &lit]).met);
-        // And a noisy pixel is not talked out of its noise by quiet ones.
+        // And a noisy pixel is not talked out of its noise by quiet ones, however many batches those have.
         let (quiet, noisy) = (pixel(&[1.0, 1.001].repeat(32)), pixel(&[0.0, 3.0].repeat(32)));
         let around: Vec<&Moments> = std::iter::once(&noisy).chain(std::iter::repeat_n(&quiet, 8)).collect();
         let alone = rule().judge(&noisy, [&noisy]).half_width;
-        let among = rule().judge(&noisy, around).half_width;
-        assert!((among / (alone * OWN_WIDENING) - 1.0).abs() < 1e-12, "{alone} {among}");
+        assert_eq!(rule().judge(&noisy, around).half_width, alone);
+    }
+
+    #[test]
+    fn the_more_batches_a_pixel_has_the_less_it_needs_its_neighbours() {
+        // Variances 1 and 4 of batch means, so that neighbours have their say.
+        let width = |n: usize| {
+            let (own, other) = (pixel(&[0.0, 2.0].repeat(n)), pixel(&[-1.0, 3.0].repeat(n)));
+            let around: Vec<&Moments> = std::iter::once(&own).chain(std::iter::repeat_n(&other, 8)).collect();
+            rule().judge(&own, around).half_width / rule().judge(&own, [&own]).half_width
+        };
+        let (few, many) = (width(4), width(2048));
+        assert!((1.2..2.0).contains(&few) && (1.0..1.05).contains(&many), "{few} {many}");
     }
 
     #[test]

@@ -22,7 +22,7 @@ pub struct Moments {
     /// estimated on the way: then a spread of zero is knowledge, not luck.
     pub known: bool,
     /// Whether a pass gave it nothing: a pixel that stopped stays so, whatever its neighbours do later. Set
-    /// by whoever merges passes, never by [`Moments::merge`].
+    /// by [`Moments::after_pass`], never by [`Moments::merge`].
     pub stopped: bool,
 }
 
@@ -57,6 +57,12 @@ impl Moments {
             known: self.known && other.known,
             stopped: self.stopped || other.stopped,
         }
+    }
+
+    /// Add what a later pass gave this pixel; if that is nothing, it has stopped.
+    #[must_use]
+    pub fn after_pass(self, later: Moments) -> Moments {
+        Moments { stopped: self.stopped || later.samples == 0, ..self.merge(later) }
     }
 
     /// Luminance of the mean.

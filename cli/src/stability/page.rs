@@ -37,7 +37,7 @@ pub(super) fn page(report: &Report, charts: &str) -> String {
 
 /// The way from a page to a folder, with a slash at its end; empty where the page lies in the folder.
 /// Both are taken as given: they must start from the same place.
-pub(super) fn way(page: &Path, folder: &Path) -> String {
+pub(crate) fn way(page: &Path, folder: &Path) -> String {
     let parts = |path: &Path| -> Vec<String> {
         path.components()
             .filter(|part| *part != Component::CurDir)
@@ -51,7 +51,7 @@ pub(super) fn way(page: &Path, folder: &Path) -> String {
 }
 
 /// A figure of the table, to three digits.
-pub(super) fn figure(v: f64) -> String {
+pub(crate) fn figure(v: f64) -> String {
     if v == 0.0 {
         return "0".into();
     }

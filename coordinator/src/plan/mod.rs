@@ -17,6 +17,8 @@ use common::{
 use serde::{Deserialize, Serialize};
 
 pub use field::{Field, Surroundings, judge_anew};
+pub use field::{Field, Surroundings};
+pub use planned::next;
 
 /// How the passes of a job's tiles follow from its quality target and method.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -10,8 +10,9 @@ use common::{adaptive::Rule, pass::Work, tile::Rect};
 
 use super::{Field, Step};
 
-/// Plan the pass, or say that the tile is finished.
-pub(super) fn next(rule: &Rule, tile: Rect, around: Field<'_>) -> Step {
+/// Plan the pass after those that `around` holds, or say that the tile is finished.
+#[must_use]
+pub fn next(rule: &Rule, tile: Rect, around: Field<'_>) -> Step {
     let mut first = Vec::with_capacity(tile.area());
     let mut batches = Vec::with_capacity(tile.area());
     let (mut after, mut goal) = (0u64, 0u64);

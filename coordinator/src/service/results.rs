@@ -4,7 +4,7 @@ use std::sync::{Arc, atomic::Ordering};
 
 use bytes::Bytes;
 use common::{
-    film::{Film, Moments},
+    film::Film,
     job::LeaseId,
     pass::Work,
     protocol::{Unit, UnitId},
@@ -322,7 +322,7 @@ fn read_result(body: &[u8], unit: &Unit, batch: u32) -> Result<UnitResult, Strin
 /// nothing has stopped.
 fn merge(before: &Film, later: &Film) -> Film {
     let both = before.moments.iter().zip(&later.moments);
-    let moments = both.map(|(a, b)| Moments { stopped: a.stopped || b.samples == 0, ..a.merge(*b) }).collect();
+    let moments = both.map(|(a, b)| a.after_pass(*b)).collect();
     Film { moments, features: before.features.clone() }
 }
 

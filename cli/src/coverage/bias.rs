@@ -1,0 +1,124 @@
+//! Bias: many adaptive renders of a small frame against a reference.
+
+use common::{film::Moments, pass::Work};
+use plot::{Axis, Chart, Guide, Series, Style};
+
+use super::{
+    Bound, Effort, Figure, Grid, Part, Section, Value, parallel, refine,
+    stage::Stage,
+    tolerances::{point, rule},
+};
+use crate::error::Failure;
+
+/// Bias of repeated renders.
+pub(super) const PART: Part = Part { id: "bias", measure };
+
+/// Edge of a frame, pixels.
+const EDGE: u32 = 6;
+/// Scenes, the noise asked for and the most samples of a pixel; and what the bias may be, either way, in shares.
+const SCENES: [(&str, (f64, u32), f64); 3] =
+    [("cornell-box", (0.1, 4096), 0.002), ("mesh-light", (0.1, 4096), 0.002), ("cornell-spheres", (0.2, 1024), 0.04)];
+/// Samples of a pixel of the reference come in this many parts of [`PART_BATCHES`].
+const PARTS: usize = 50;
+const PART_BATCHES: u32 = 500;
+const REFERENCE_SEED: u64 = 1 << 33;
+
+/// Mean luminance of a frame: every pixel weighs the same, whatever it took.
+pub(super) fn level(film: &[Moments]) -> f64 {
+    film.iter().map(Moments::luminance).sum::<f64>() / film.len() as f64
+}
+
+/// Mean and its standard error.
+pub(super) fn mean(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let spread = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0).max(1.0);
+    (mean, (spread / n).sqrt())
+}
+
+fn measure(effort: &Effort) -> Result<Section, Failure> {
+    let renders = effort.of(1000, 60);
+    let textbook_renders = effort.of(300, 60);
+    let parts = effort.of(PARTS, 6);
+    let scenes = effort.of(&SCENES[..], &SCENES[..1]);
+    let mut grid = Grid::new(
+        "bias",
+        "Error of the pooled mean, with its standard error (that of the reference is in it).",
+        &["scene", "noise", "ours, %", "+-", "textbook, %", "textbook +-", "samples", "textbook samples"],
+    );
+    let mut series = [Series::new("ours", Style::Points, []), Series::new("textbook", Style::Points, [])];
+    let mut bounds = Vec::new();
+    for (place, &(name, target, most)) in scenes.iter().enumerate() {
+        let stage = Stage::open(effort, name, EDGE)?;
+        let levels = parallel::map(parts, |part| {
+            let samples = PART_BATCHES * common::pass::BATCH;
+            level(&stage.render(REFERENCE_SEED, &Work::Uniform { first: part as u32 * samples, samples }))
+        });
+        let (truth, truth_error) = mean(&levels);
+        let rule = rule(target);
+        let pooled = |renders: usize, of: &(dyn Fn(u64) -> Vec<Moments> + Sync)| {
+            let all = parallel::map(renders, |seed| {
+                let film = of(1 + seed as u64);
+                (level(&film), film.iter().map(|p| f64::from(p.samples)).sum::<f64>() / film.len() as f64)
+            });
+            let (levels, samples): (Vec<f64>, Vec<f64>) = all.into_iter().unzip();
+            let (found, error) = mean(&levels);
+            (found / truth - 1.0, error.hypot(truth_error) / truth, mean(&samples).0)
+        };
+        let ours = pooled(renders, &|seed| refine(&rule, stage.frame, Vec::new(), |work| stage.render(seed, work)).0);
+        let (tolerance, max_samples) = target;
+        let work = Work::Textbook { batch: 32, tolerance, max_samples };
+        let theirs = pooled(textbook_renders, &|seed| stage.render(seed, &work));
+        for (line, found) in series.iter_mut().zip([ours, theirs]) {
+            line.points.push(point(place as f64, 100.0 * found.0, 200.0 * found.1));
+        }
+        grid.rows.push(vec![
+            name.into(),
+            Value::Number(tolerance, 2),
+            Value::Number(100.0 * ours.0, 3),
+            Value::Number(100.0 * ours.1, 3),
+            Value::Number(100.0 * theirs.0, 3),
+            Value::Number(100.0 * theirs.1, 3),
+            Value::Number(ours.2, 0),
+            Value::Number(theirs.2, 0),
+        ]);
+        let slack = effort.of(0.0, 0.01);
+        bounds.push(Bound {
+            what: format!("bias of the pooled mean of {renders} renders of {name}, noise {tolerance} (a share)"),
+            found: ours.0,
+            low: -most - slack,
+            high: most + slack,
+            goal: Some((-0.002, 0.002)),
+        });
+    }
+    let chart = Chart {
+        title: "Bias of the pooled mean of many adaptive renders".into(),
+        x: Axis::names(
+            "scene, noise asked for",
+            scenes.iter().map(|(name, target, _)| format!("{name}, {}", target.0)),
+        ),
+        y: Axis::linear("bias", "% of the mean"),
+        series: series.into(),
+        guides: vec![
+            Guide::Level { y: 0.2, label: "goal: within 0.2%".into() },
+            Guide::Level { y: -0.2, label: String::new() },
+        ],
+        notes: vec!["bars: two standard errors, the reference's included".into()],
+    };
+    let says = "A rule that stops on what it has seen bends the mean: up where a pixel stops when it happens to be bright \
+                (its interval is then short against it), down where it stops before it has seen rare light. The box \
+                and the mesh light show the first, with the square of the noise asked for; the spheres' caustics show \
+                the second, and no rule that looks at samples alone is free of it.";
+    Ok(Section {
+        title: "Bias",
+        text: format!(
+            "{renders} adaptive renders of {EDGE} x {EDGE} pixels, each with another seed ({textbook_renders} with the textbook \
+             rule), against a reference of {} samples a pixel. The mean of a render is the mean over its pixels, whatever \
+             number of samples each took.",
+            parts as u32 * PART_BATCHES * common::pass::BATCH
+        ),
+        figures: vec![Figure { id: "bias".into(), chart, says: says.into() }],
+        grids: vec![grid],
+        bounds,
+    })
+}
