@@ -82,7 +82,8 @@ fn measure(effort: &Effort) -> Result<Section, Failure> {
             Value::Number(ours.2, 0),
             Value::Number(theirs.2, 0),
         ]);
-        let slack = effort.of(0.0, 0.01);
+        // So few renders know it to a few standard errors only.
+        let slack = effort.of(0.0, 3.0 * ours.1);
         bounds.push(Bound {
             what: format!("bias of the pooled mean of {renders} renders of {name}, noise {tolerance} (a share)"),
             found: ours.0,

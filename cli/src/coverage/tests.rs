@@ -5,7 +5,7 @@ use super::*;
 
 fn options(out: &Path) -> Options {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
-    Options { out: out.into(), page: None, only: vec![], effort: Effort { trials: 50, quick: true, scenes } }
+    Options { out: out.into(), page: None, only: vec![], effort: Effort { trials: 25, quick: true, scenes } }
 }
 
 fn section(found: f64) -> Section {
@@ -61,4 +61,14 @@ fn a_small_run_of_the_simulation_keeps_its_bounds_and_writes_every_file() {
         let csv = std::fs::read_to_string(charts.join(format!("{}.csv", grid.id))).unwrap();
         assert_eq!(csv.lines().count(), grid.rows.len() + 1);
     }
+}
+
+#[test]
+fn a_small_run_on_rendered_pixels_keeps_its_bounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let only = ["rendered", "bias"].map(str::to_owned).to_vec();
+    let sections = run(PARTS, &Options { only, ..options(folder.path()) }).unwrap();
+    assert!(verdict(&sections).is_ok(), "{}", page::bounds(&sections));
+    // Coverage of all pixels, of the worst decile, and the pooled mean of repeated renders.
+    assert_eq!(sections.iter().map(|section| section.bounds.len()).collect::<Vec<_>>(), [2, 1]);
 }
