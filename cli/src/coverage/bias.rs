@@ -14,7 +14,7 @@ use crate::error::Failure;
 pub(super) const PART: Part = Part { id: "bias", measure };
 
 /// Edge of a frame, pixels.
-const EDGE: u32 = 6;
+const EDGE: u32 = 4;
 /// Scenes, the noise asked for and the most samples of a pixel; and what the bias may be, either way, in shares.
 const SCENES: [(&str, (f64, u32), f64); 3] =
     [("cornell-box", (0.1, 4096), 0.002), ("mesh-light", (0.1, 4096), 0.002), ("cornell-spheres", (0.2, 1024), 0.04)];
