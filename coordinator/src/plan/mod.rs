@@ -17,7 +17,6 @@ use common::{
 use serde::{Deserialize, Serialize};
 
 pub use field::{Field, Surroundings, judge_anew};
-pub use field::{Field, Surroundings};
 pub use planned::next;
 
 /// How the passes of a job's tiles follow from its quality target and method.
