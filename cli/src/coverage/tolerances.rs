@@ -290,7 +290,8 @@ fn unseen(effort: &Effort, section: &mut Section) {
         ],
     );
     grid.only_csv = true;
-    let kinds: [(&str, fn(f64) -> Truth); 2] = [
+    type Kind = (&'static str, fn(f64) -> Truth);
+    let kinds: [Kind; 2] = [
         ("black but for events", Truth::Bernoulli),
         ("events that carry 1/6 of the light", |p| Truth::Spikes(p, 0.2 / p)),
     ];
