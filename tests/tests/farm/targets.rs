@@ -57,9 +57,10 @@ fn one_exr_holds_all_layers() {
         bits.iter().map(|bits| f32::from_bits(*bits)).collect()
     };
     assert!(of("samples.Y").iter().all(|&n| n >= 64.0));
+    // From 1.96 and a little for many degrees of freedom to 3.2 x 4/3 for the pilot's three.
     for (half_width, error) in of("interval.Y").into_iter().zip(of("stderr.Y")) {
         let ratio = half_width / error;
-        assert!(ratio.is_nan() || (1.9..4.0).contains(&ratio), "Student's quantile: {half_width} over {error}");
+        assert!(ratio.is_nan() || (1.9..4.4).contains(&ratio), "Student's quantile: {half_width} over {error}");
     }
     let normals = of("normal.X").into_iter().zip(of("normal.Y")).zip(of("normal.Z"));
     assert!(normals.into_iter().all(|((x, y), z)| x * x + y * y + z * z < 1.001));
