@@ -85,7 +85,9 @@ fn measure(effort: &Effort) -> Result<Section, Failure> {
             Value::Number(error, 2),
         ]);
         bounds.push(Bound {
-            what: format!("processor seconds of {name} sampled uniformly, over adaptively, to the same error"),
+            what: format!(
+                "processor seconds of {name} sampled uniformly, over adaptively, to the shares met in its table"
+            ),
             found: ratio,
             low: 1.0,
             high: f64::INFINITY,
