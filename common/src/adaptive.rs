@@ -146,6 +146,22 @@ impl Rule {
         self.confidence
     }
 
+    /// Whether a frame in which every pixel has stopped must be gone over again, with every pixel judged anew:
+    /// what pixels learnt later may tell that neighbours stopped too early. So it is while the target is
+    /// missed and can still be met, or more pixels than may miss it can still be helped. `verdicts` are those
+    /// of the whole frame, with each pixel's batches.
+    #[must_use]
+    pub fn unsettled(&self, verdicts: impl Iterator<Item = (u32, Verdict)>) -> bool {
+        let (mut all, mut full, mut helpable) = (0u64, 0u64, 0u64);
+        for (batches, verdict) in verdicts {
+            all += 1;
+            full += u64::from(!verdict.met && batches >= self.max_batches);
+            helpable += u64::from(!verdict.met && batches < self.max_batches);
+        }
+        let too_many = |pixels: u64| pixels as f64 > (1.0 - FRAME_SHARE) * all as f64;
+        too_many(helpable) || (helpable > 0 && too_many(full + helpable) && !too_many(full))
+    }
+
     /// Judge a pixel by itself and the pixels around it (`around` holds the pixel too; three by three,
     /// fewer at the edges of the frame).
     #[must_use]

@@ -108,7 +108,7 @@ fn measure(effort: &Effort) -> Result<Section, Failure> {
         title: "Adaptive sampling pays",
         text: format!(
             "Each scene at {edge} x {edge}: {samples} samples everywhere bring 99% of its pixels under some noise; that noise \
-             is then asked of the adaptive rule (cap {} samples). Both are judged by the same pooled interval. A pixel that has stopped stays so in one run of passes, and some do not keep the target once their neighbours are known better: where the share that adaptive sampling met is below 99%, the ratio flatters it. Rendered on one thread, adaptive and uniform in turn, {blocks} times.",
+             is then asked of the adaptive rule (cap {} samples). Both are judged by the same pooled interval. Rendered on one thread, adaptive and uniform in turn, {blocks} times.",
             4 * samples
         ),
         figures: vec![Figure { id: "pays".into(), chart, says: says.into() }],

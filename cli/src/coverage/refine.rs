@@ -18,14 +18,22 @@ pub fn refine(
         passes += 1;
         render(&Work::Uniform { first: 0, samples: rule.pilot() * rule.batch() })
     } else {
-        film.into_iter().map(|pixel| Moments { stopped: false, ..pixel }).collect()
+        let mut film = film;
+        plan::judge_anew(&mut film);
+        film
     };
-    while let Step::Render { work, .. } = plan::next(rule, frame, Field::new(frame, &moments)) {
-        passes += 1;
-        let later = render(&work);
-        moments = moments.iter().zip(&later).map(|(before, later)| before.after_pass(*later)).collect();
+    loop {
+        while let Step::Render { work, .. } = plan::next(rule, frame, Field::new(frame, &moments)) {
+            passes += 1;
+            let later = render(&work);
+            moments = moments.iter().zip(&later).map(|(before, later)| before.after_pass(*later)).collect();
+        }
+        let judged = Field::new(frame, &moments).judge(rule, frame);
+        if !rule.unsettled(judged.map(|(own, verdict)| (own.batches, verdict))) {
+            return (moments, passes);
+        }
+        plan::judge_anew(&mut moments);
     }
-    (moments, passes)
 }
 
 /// Half-width of every pixel's interval as the rule sees it on the finished frame, and whether it keeps the

@@ -212,21 +212,11 @@ impl Rule {
     }
 
     /// Whether a frame whose tiles are all finished must be gone over again, with every pixel judged anew:
-    /// what pixels learnt later may tell that neighbours stopped too early. So it is while the target is
-    /// missed and can still be met, or more pixels than may miss it can still be helped. `verdicts` are those
-    /// of the whole frame, with each pixel's batches.
+    /// [`adaptive::Rule::unsettled`].
     #[must_use]
     pub fn unsettled(&self, verdicts: impl Iterator<Item = (u32, adaptive::Verdict)>) -> bool {
-        let Rule::Adaptive { max_samples, .. } = self else { return false };
-        let most = max_samples.div_ceil(pass::BATCH);
-        let (mut all, mut full, mut helpable) = (0u64, 0u64, 0u64);
-        for (batches, verdict) in verdicts {
-            all += 1;
-            full += u64::from(!verdict.met && batches >= most);
-            helpable += u64::from(!verdict.met && batches < most);
-        }
-        let too_many = |pixels: u64| pixels as f64 > (1.0 - adaptive::FRAME_SHARE) * all as f64;
-        too_many(helpable) || (helpable > 0 && too_many(full + helpable) && !too_many(full))
+        let Rule::Adaptive { relative_error, confidence, max_samples } = *self else { return false };
+        adaptive::Rule::new(relative_error, confidence, max_samples, pass::BATCH).unsettled(verdicts)
     }
 
     /// Plan pass `pass` of a tile. `around` is given where [`Rule::looks_around`] and `pass` is above 0.
