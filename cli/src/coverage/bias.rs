@@ -106,7 +106,7 @@ fn measure(effort: &Effort) -> Result<Section, Failure> {
         ],
         notes: vec!["bars: two standard errors, the reference's included".into()],
     };
-    let says = "A rule that stops on what it has seen bends the mean: up where a pixel stops when it happens to be bright (its interval is then short against it), down where it stops before it has seen rare light. The goal of 0.2% is not shown: on the box and the mesh light ours is above it, more than the textbook rule, and the standard errors are themselves too large to hold anything to 0.2%. Why the box is bent so far has not been found out; so small a frame of the spheres also says little of their caustics (see the bias of rendered pixels).";
+    let says = "A rule that stops on what it has seen bends the mean: up where a pixel stops when it happens to be bright (its interval is then short against it), down where it stops before it has seen rare light. The goal of 0.2% is not shown: on the box and the mesh light ours is above it, more than the textbook rule, and the standard errors are themselves too large to hold anything to 0.2%. The box is bent by its two pixels at the lamp's edge: sixteen well-spread points hold the lamp once or not at all, and where all four batches of a pilot hold it once, nothing seems to vary; one pixel in twelve stops there, 29% too bright. So small a frame of the spheres says little of their caustics (see the bias of rendered pixels).";
     Ok(Section {
         title: "Bias",
         text: format!(

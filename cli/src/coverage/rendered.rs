@@ -269,8 +269,9 @@ fn measure(effort: &Effort) -> Result<Section, Failure> {
             "Quiet pixels beside noisy ones get more than they need: their neighbours' variance counts as theirs until \
              they have batches of their own. The noisiest tenth lies at the edges of lights and highlights, where a pixel \
              has few neighbours like itself. The glass sphere's caustics are paths with a probability far below 1 in 576: \
-             pixels stop before they or any neighbour has seen one. The same intervals on 256 samples each, with no \
-             stopping at all, hold the truth no more often there (see the table): it is the seeing that fails.",
+             many pixels stop before they or any neighbour has seen one, and go on when the frame is judged again and a \
+             neighbour has. The same intervals on 256 samples each, with no stopping at all, hold the truth less often \
+             there (see the table): it is the seeing that fails.",
         ),
         figure(
             "rendered-textbook",
