@@ -7,11 +7,12 @@
 //!
 //! The textbook rule looks at one pixel again and again and stops the first time its interval is short
 //! enough. It thereby picks out the moments when light has been missed: where a bright event has
-//! probability 0.01, most pixels stop at the first look. Four things keep this rule honest:
+//! probability 0.01, most pixels stop at the first look. Five things keep this rule honest:
 //! the samples still needed are predicted, so that there are few looks; the variance is the pixel's own
 //! shrunk towards that of its neighbours, so that a pixel which has missed an event learns of it from those
-//! that saw it, while neighbours that are significantly quieter have no say; the quantile is Student's; and
-//! zero variance is never convergence.
+//! that saw it, while neighbours that are significantly quieter have no say; batches that came out alike while
+//! their samples did not are held for luck as long as they are few; the quantile is Student's; and zero
+//! variance is never convergence.
 
 use crate::film::Moments;
 
@@ -34,6 +35,10 @@ pub const STRENGTH: u32 = 128;
 /// Intervals are widened by this over their degrees of freedom: Student's quantile takes batch means for
 /// normal, and the fewer they are the less they are so.
 pub const FEW: f64 = 1.0;
+/// A pixel's own variance is never taken for less than with one more batch that varied as this share of
+/// independent samples would. Sixteen well-spread points hold the edge of a lamp as often as not in the same
+/// number each time: four batches can then come out alike by luck, and nothing else would tell.
+pub const LUCK: f64 = 0.5;
 /// Share of pixels that must keep the target for the frame to count as having met it.
 pub const FRAME_SHARE: f64 = 0.99;
 /// Luminance below which the error is relative to this value instead of the pixel's own: one hundredth of
@@ -53,6 +58,8 @@ pub struct Constants {
     pub strength: u32,
     /// See [`FEW`].
     pub few: f64,
+    /// See [`LUCK`].
+    pub luck: f64,
     /// See [`PILOT_BATCHES`].
     pub pilot: u32,
 }
@@ -65,6 +72,7 @@ impl Default for Constants {
             significance: SIGNIFICANCE,
             strength: STRENGTH,
             few: FEW,
+            luck: LUCK,
             pilot: PILOT_BATCHES,
         }
     }
@@ -191,7 +199,7 @@ impl Rule {
 
     /// Half-width of the interval of the luminance, Student's quantile times the standard error, and that error.
     /// The variance is the pixel's own and that of the neighbours with a say, each weighing its degrees of
-    /// freedom, the neighbours together at most [`STRENGTH`] of them. 0 where no batch differed from another,
+    /// freedom, the neighbours together at most [`STRENGTH`] of them; but see [`LUCK`]. 0 where no batch differed from another,
     /// infinite below two batches.
     fn half_width<'a>(&self, own: &Moments, around: impl IntoIterator<Item = &'a Moments>) -> (f64, f64) {
         if own.batches < 2 {
@@ -214,7 +222,9 @@ impl Rule {
         let strength = dof.clamp(0.0, f64::from(self.constants.strength));
         let neighbours = if dof > 0.0 { m2.max(0.0) / dof } else { 0.0 };
         let total = own_dof + strength;
-        let variance = (own.m2 + strength * neighbours) / total;
+        let pooled = (own.m2 + strength * neighbours) / total;
+        let unlucky = (own.m2 + self.constants.luck * own.variance_within()) / (own_dof + 1.0);
+        let variance = if unlucky > pooled { unlucky } else { pooled };
         let error = (variance / f64::from(own.samples)).sqrt();
         let few = 1.0 + self.constants.few / total;
         (few * self.quantile(total as u64) * error, error)
@@ -388,6 +398,23 @@ mod tests {
         };
         let (few, many) = (width(4), width(2048));
         assert!((1.2..2.0).contains(&few) && (1.0..1.05).contains(&many), "{few} {many}");
+    }
+
+    #[test]
+    fn batches_that_come_out_alike_by_luck_are_not_taken_for_certainty() {
+        // A lamp over three quarters of a sixteenth of a pixel: each batch held it once.
+        let once = |batches: u32| {
+            (0..batches).fold(Moments::default(), |sum, _| {
+                let within = 15.0 / 16.0 * 24.0f64.powi(2);
+                sum.merge(Moments { within, ..Moments::batch(16, [1.5 + 1e-3 * f64::from(sum.batches % 2); 3]) })
+            })
+        };
+        let rule = Rule::new(0.2, 0.95, 4096, 16);
+        let quiet = pixel(&[0.1, 0.1001, 0.1, 0.0999]);
+        let judge = |pixel: &Moments| rule.judge(pixel, [pixel, &quiet, &quiet, &quiet]);
+        assert!(!judge(&once(4)).met, "{:?}", judge(&once(4)));
+        assert!(judge(&once(64)).met, "sixty-four times is no luck: {:?}", judge(&once(64)));
+        assert!(judge(&Moments { within: 0.0, ..once(4) }).met, "it is the spread within batches that tells");
     }
 
     #[test]

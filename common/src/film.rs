@@ -18,6 +18,9 @@ pub struct Moments {
     pub mean: [f64; 3],
     /// Sum over batches of (samples in the batch) x (luminance of its mean - luminance of the mean)^2.
     pub m2: f64,
+    /// Sum over samples of (luminance - luminance of its batch's mean)^2: what the same samples would vary by if
+    /// they were independent, which tells luck from evenness where all batches came out alike.
+    pub within: f64,
     /// Whether every sample so far missed the scene or ended on a light it saw directly, with nothing
     /// estimated on the way: then a spread of zero is knowledge, not luck.
     pub known: bool,
@@ -30,7 +33,7 @@ impl Moments {
     /// One batch: its number of samples and its mean.
     #[must_use]
     pub fn batch(samples: u32, mean: [f64; 3]) -> Self {
-        Self { samples, batches: 1, mean, m2: 0.0, known: false, stopped: false }
+        Self { samples, batches: 1, mean, m2: 0.0, within: 0.0, known: false, stopped: false }
     }
 
     /// Add `other` after `self` (Chan, Golub and LeVeque 1983). The order is part of the bits.
@@ -54,6 +57,7 @@ impl Moments {
             batches: self.batches + other.batches,
             mean,
             m2: self.m2 + other.m2 + delta * delta * (na * nb / n),
+            within: self.within + other.within,
             known: self.known && other.known,
             stopped: self.stopped || other.stopped,
         }
@@ -63,6 +67,12 @@ impl Moments {
     #[must_use]
     pub fn after_pass(self, later: Moments) -> Moments {
         Moments { stopped: self.stopped || later.samples == 0, ..self.merge(later) }
+    }
+
+    /// Variance of a single sample's luminance about the mean of its batch; 0 where no batch has two.
+    #[must_use]
+    pub fn variance_within(&self) -> f64 {
+        if self.samples > self.batches { self.within / f64::from(self.samples - self.batches) } else { 0.0 }
     }
 
     /// Luminance of the mean.

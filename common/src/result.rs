@@ -1,7 +1,7 @@
 //! The result of a unit as bytes: a small header, then plain arrays, little-endian, before compression.
 //!
-//! A pixel is 16 bytes, its mean as three f32 and the root of its M2 as one (the root keeps the range of
-//! radiance). Counts are sent once where they are the same for all pixels. A first pass adds 28 bytes of
+//! A pixel is 20 bytes, its mean as three f32 and the roots of its two sums of squares as two (roots keep the
+//! range of radiance). Counts are sent once where they are the same for all pixels. A first pass adds 28 bytes of
 //! features; where some pixels are known exactly, a byte each says which. The bytes are a pure function of the unit but for the trailing statistics.
 
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// Begins every result.
-const MAGIC: [u8; 4] = *b"TSR1";
+const MAGIC: [u8; 4] = *b"TSR2";
 const HEADER: usize = 4 + 4 + 16;
 const STATISTICS: usize = 10 * 8;
 const PER_PIXEL_COUNTS: u32 = 1;
@@ -89,7 +89,7 @@ pub enum BadResult {
 /// Largest size of a result for `pixels` pixels before compression, bytes.
 #[must_use]
 pub fn max_encoded_len(pixels: usize) -> usize {
-    HEADER + STATISTICS + pixels * (16 + 8 + 28 + 1)
+    HEADER + STATISTICS + pixels * (20 + 8 + 28 + 1)
 }
 
 impl UnitResult {
@@ -124,6 +124,7 @@ impl UnitResult {
             moments.iter().for_each(|m| out.extend((m.mean[channel] as f32).to_le_bytes()));
         }
         moments.iter().for_each(|m| out.extend((m.m2.sqrt() as f32).to_le_bytes()));
+        moments.iter().for_each(|m| out.extend((m.within.sqrt() as f32).to_le_bytes()));
         for channel in 0..7 {
             self.film.features.iter().for_each(|f| out.extend(feature(f, channel).to_le_bytes()));
         }
@@ -161,7 +162,7 @@ impl UnitResult {
         let counted = if flags & PER_PIXEL_COUNTS == 0 { 1 } else { pixels };
         let features = if flags & WITH_FEATURES == 0 { 0 } else { pixels };
         let known = if flags & WITH_KNOWN == 0 { 0 } else { pixels };
-        if bytes.len() != HEADER + 8 * counted + 16 * pixels + 28 * features + known + STATISTICS {
+        if bytes.len() != HEADER + 8 * counted + 20 * pixels + 28 * features + known + STATISTICS {
             return Err(BadResult::Length);
         }
         let mut film =
@@ -185,6 +186,13 @@ impl UnitResult {
             let root = f64::from(input.f32()?);
             m.m2 = root * root;
             if root < 0.0 || m.batches > m.samples || (m.batches == 0) != (m.samples == 0) {
+                return Err(BadResult::Value);
+            }
+        }
+        for m in &mut film.moments {
+            let root = f64::from(input.f32()?);
+            m.within = root * root;
+            if root < 0.0 {
                 return Err(BadResult::Value);
             }
         }
@@ -274,6 +282,7 @@ mod tests {
                 batches: 2,
                 mean: [0.5, f64::from(i), 2.0],
                 m2: 0.25,
+                within: 2.25,
                 known: uneven && i % 2 == 0,
                 stopped: false,
             })
@@ -300,7 +309,7 @@ mod tests {
             assert_eq!(UnitResult::decode(&bytes, result.rect), Ok(result));
         }
         let pixels = 64 * 64;
-        assert_eq!(result(64, 64, false, false).encode().len(), HEADER + 8 + 16 * pixels + STATISTICS);
+        assert_eq!(result(64, 64, false, false).encode().len(), HEADER + 8 + 20 * pixels + STATISTICS);
     }
 
     #[test]

@@ -137,8 +137,14 @@ fn frame(rules: &[Rule], truth: Truth, around: Around, seed: u64, number: usize)
 /// So many batches of a truth.
 fn draw(truth: Truth, random: &mut Random, batches: u32, size: u32) -> Moments {
     (0..batches).fold(Moments::default(), |moments, _| {
-        let sum: f64 = (0..size).map(|_| truth.draw(random)).sum();
-        moments.merge(Moments::batch(size, [sum / f64::from(size); 3]))
+        let (mut mean, mut within) = (0.0, 0.0);
+        for n in 1..=size {
+            let value = truth.draw(random);
+            let delta = value - mean;
+            mean += delta / f64::from(n);
+            within += delta * (value - mean);
+        }
+        moments.merge(Moments { within, ..Moments::batch(size, [mean; 3]) })
     })
 }
 

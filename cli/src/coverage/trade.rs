@@ -37,10 +37,11 @@ fn measure(effort: &Effort) -> Result<Section, Failure> {
         |constants| study(constants, &[Around::Quiet, Around::Border], &[Truth::Exponential, Truth::Lognormal(1.0)]);
     let (as_is, as_is_edges) = (alike(Constants::default()), edges(Constants::default()));
     let is = Constants::default();
-    let kinds: [(&str, Vec<(String, Constants)>); 6] = [
+    let kinds: [(&str, Vec<(String, Constants)>); 7] = [
         ("slack of predictions", variants(&[1.0, 1.05, 1.2, 1.5], |slack| Constants { slack, ..is })),
         ("widening", variants(&[1.0, 1.01, 1.05, 1.1], |widening| Constants { widening, ..is })),
         ("widening for few batches", variants(&[0.0, 1.0, 2.0, 4.0], |few| Constants { few, ..is })),
+        ("luck", variants(&[0.0, 0.5, 1.0, 2.0], |luck| Constants { luck, ..is })),
         ("significance", variants(&[2.0, 4.0, 8.0, 1e9], |significance| Constants { significance, ..is })),
         ("strength of neighbours", variants(&[0.0, 32.0, 128.0, 4096.0], |s| Constants { strength: s as u32, ..is })),
         ("batches of the pilot", variants(&[2.0, 4.0, 8.0, 16.0], |pilot| Constants { pilot: pilot as u32, ..is })),

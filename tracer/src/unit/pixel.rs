@@ -37,6 +37,8 @@ pub(super) struct Done {
 struct Batch {
     sum: [f64; 3],
     finite: u32,
+    /// Of the samples' luminance: running mean, and sum of squared deviations from it.
+    luminance: (f64, f64),
     /// What the first sample was, while all others were the same and known.
     known: Option<Rgb>,
 }
@@ -147,8 +149,9 @@ impl Pixel {
     /// what stands for it.
     fn take(&mut self, number: u32, sample: &Sample) -> f64 {
         let luminance = if sample.radiance.is_finite() {
-            self.batch.add(sample);
-            luminance(sample.radiance.as_dvec3().to_array())
+            let luminance = luminance(sample.radiance.as_dvec3().to_array());
+            self.batch.add(sample, luminance);
+            luminance
         } else {
             self.rejected += 1;
             self.first_rejected = self.first_rejected.or(Some(number));
@@ -159,7 +162,8 @@ impl Pixel {
         if self.taken == self.size {
             let known = self.batch.known.is_some() && self.batch.finite == self.size;
             // Samples left out are stood for by the rest of their batch, so that counts stay what was asked for.
-            let moments = Moments { known, ..Moments::batch(self.size, self.batch.mean()) };
+            let within = self.batch.luminance.1;
+            let moments = Moments { known, within, ..Moments::batch(self.size, self.batch.mean()) };
             self.moments = self.moments.merge(moments);
         }
         luminance
@@ -177,7 +181,7 @@ impl Pixel {
 
 impl Batch {
     #[inline]
-    fn add(&mut self, sample: &Sample) {
+    fn add(&mut self, sample: &Sample, luminance: f64) {
         for (sum, value) in self.sum.iter_mut().zip(sample.radiance.to_array()) {
             *sum += f64::from(value);
         }
@@ -187,6 +191,10 @@ impl Batch {
             self.known = None;
         }
         self.finite += 1;
+        // Welford 1962.
+        let delta = luminance - self.luminance.0;
+        self.luminance.0 += delta / f64::from(self.finite);
+        self.luminance.1 += delta * (luminance - self.luminance.0);
     }
 
     fn mean(&self) -> [f64; 3] {
