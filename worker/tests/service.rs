@@ -146,7 +146,7 @@ async fn a_worker_that_leaves_finishes_what_it_has_begun() {
     let scene = fake.store(SCENE.as_bytes());
     // Some ten milliseconds a row: it is in the midst of the unit when it hears that it is to leave.
     let rows = common::tile::Rect { h: 30, ..endless() };
-    fake.offer(lease_of(1, scene, &[rows, endless()], 20_000));
+    fake.offer(lease_of(1, scene, &[rows, endless()], 400_000));
     fake.wait("the lease is prepared", |notes| {
         notes.heartbeats.last().is_some_and(|beat| !beat.prepared.is_empty() && !beat.leases.is_empty())
     })
