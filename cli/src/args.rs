@@ -12,7 +12,7 @@ use common::{
     method::{Adaptive, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
 };
 
-use crate::{coverage::CoverageArgs, soak::SoakArgs, stability::StabilityArgs};
+use crate::{bench::BenchCommand, coverage::CoverageArgs, soak::SoakArgs, stability::StabilityArgs};
 
 /// A render farm with its own path tracer.
 #[derive(Debug, Parser)]
@@ -60,6 +60,9 @@ pub enum Command {
     Soak(SoakArgs),
     /// Measure how often error bars hold the truth, and what they cost
     Coverage(CoverageArgs),
+    /// Measure how fast the parts are
+    #[command(subcommand)]
+    Bench(BenchCommand),
 }
 
 /// What to do with a scene file.

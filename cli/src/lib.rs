@@ -4,6 +4,7 @@
 //! lease is.
 
 mod args;
+mod bench;
 mod bundle;
 mod continued;
 pub mod coverage;
@@ -77,6 +78,7 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Stability(args) => Ok(stability::command(args)?),
         Command::Soak(args) => soak::command(args),
         Command::Coverage(args) => coverage::command(args),
+        Command::Bench(command) => bench::command(command),
     }
 }
 

@@ -83,6 +83,9 @@ fn every_mistake_has_its_sentence_and_exit_code() {
         ("scene check mesh.json", 2, "shapes[1].file"),
         ("job 17 --coordinator http://FREE", 2, "\"17\" is not of the form jNUMBER"),
         ("scene check good.json --log =", 2, "--log"),
+        ("bench render mesh.json", 2, "shapes[1].file"),
+        ("bench render good.json --noise 0.1", 2, "bench render: the target is --samples alone"),
+        ("bench render good.json --crop 0,0,8,8", 2, "--crop"),
     ] {
         let fill = |text: &str| text.replace("FREE", &free.to_string()).replace("TAKEN", &taken.to_string());
         let (line, expected) = (fill(line), fill(expected));
@@ -180,4 +183,24 @@ fn one_sample_is_replayed_with_the_radiance_it_has_in_the_image() {
     assert!(said.contains(&format!("radiance [{r}, {g}, {b}]")), "{:?} in {said}", pixels[lit]);
     let outside = tessera(folder.path(), "render good.json --pixel 24,0 --sample 0");
     assert_eq!(outside.status.code(), Some(2));
+}
+
+#[test]
+fn a_bench_counts_what_it_renders_and_writes_the_picture() {
+    let folder = folder();
+    let line = "bench render good.json --samples 4 --runs 2 --threads 2 --json -o a.pfm";
+    let output = tessera(folder.path(), line);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["samples"], &report["width"]), (&Value::from(4), &Value::from(24)));
+    assert_eq!(report["runs"].as_array().map(Vec::len), Some(2));
+    for run in report["runs"].as_array().unwrap() {
+        // A camera ray each, and more where something was hit.
+        assert!(run["rays"].as_u64().is_some_and(|rays| rays > 24 * 16 * 4), "{run}");
+        let rate = run["msamples_per_cpu_second"].as_f64().unwrap() * run["cpu_seconds"].as_f64().unwrap();
+        assert!((rate * 1e6 - f64::from(24 * 16 * 4)).abs() < 0.5, "{run}");
+    }
+    let picture = std::fs::read(folder.path().join("a.pfm")).unwrap();
+    assert!(picture.starts_with(b"PF\n24 16\n-1.0\n"));
+    assert_eq!(picture.len(), b"PF\n24 16\n-1.0\n".len() + 24 * 16 * 12);
 }

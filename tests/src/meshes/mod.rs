@@ -3,6 +3,8 @@
 //! `cargo run --release -p tessera-tests --example generate-meshes` writes them; a test holds the kept files
 //! to what these functions give. Sines and exponentials are libm's, so the bytes are the same everywhere.
 
+pub mod bench;
+
 use std::f64::consts::TAU;
 
 use glam::DVec3;
@@ -89,14 +91,7 @@ fn grid(along: u32, around: u32, closed: bool) -> Vec<[u32; 3]> {
 /// Binary PLY with 16-bit indices: at most 65,536 vertices.
 fn ply(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<u8> {
     assert!(positions.len() <= 1 << 16, "indices have 16 bits");
-    let mut bytes = format!(
-        "ply\nformat binary_little_endian 1.0\ncomment made by tessera-tests, example generate-meshes\n\
-         element vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         element face {}\nproperty list uchar ushort vertex_indices\nend_header\n",
-        positions.len(),
-        triangles.len()
-    )
-    .into_bytes();
+    let mut bytes = ply_header(positions.len(), triangles.len(), "ushort").into_bytes();
     for position in positions {
         bytes.extend(position.to_array().iter().flat_map(|c| (*c as f32).to_le_bytes()));
     }
@@ -105,4 +100,12 @@ fn ply(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<u8> {
         bytes.extend(triangle.iter().flat_map(|index| (*index as u16).to_le_bytes()));
     }
     bytes
+}
+
+fn ply_header(vertices: usize, faces: usize, index: &str) -> String {
+    format!(
+        "ply\nformat binary_little_endian 1.0\ncomment made by tessera-tests, example generate-meshes\n\
+         element vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {faces}\nproperty list uchar {index} vertex_indices\nend_header\n"
+    )
 }
