@@ -12,7 +12,9 @@ use common::{
     method::{Adaptive, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
 };
 
-use crate::{bench::BenchCommand, coverage::CoverageArgs, soak::SoakArgs, stability::StabilityArgs};
+use crate::{
+    bench::BenchCommand, compare::CompareArgs, coverage::CoverageArgs, soak::SoakArgs, stability::StabilityArgs,
+};
 
 /// A render farm with its own path tracer.
 #[derive(Debug, Parser)]
@@ -54,6 +56,8 @@ pub enum Command {
     /// Check and convert scene files
     #[command(subcommand)]
     Scene(SceneCommand),
+    /// Measure how far an image is from a reference
+    Compare(CompareArgs),
     /// Show each method at the place where it fails, the textbook form beside ours
     Stability(StabilityArgs),
     /// Render a great many samples of everything, and find those that are not finite or below 0
@@ -488,6 +492,7 @@ mod tests {
             "scene check s.json",
             "scene convert a.obj b.json",
             "scene schema",
+            "compare a.exr b.exr --layer stderr.Y --json -o diff.png",
             "stability -o d --only roulette",
             "soak --samples 1e9 --scenes scenes --scenes a.json --only glass --threads 2 --keep d --json",
             "coverage -o d --page p.md --trials 90 --quick --only simulated",

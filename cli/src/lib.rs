@@ -6,6 +6,7 @@
 mod args;
 mod bench;
 mod bundle;
+pub mod compare;
 mod continued;
 pub mod coverage;
 mod error;
@@ -75,6 +76,7 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Continue(args) => continued::go_on(args).await,
         Command::Workers(args) => jobs::workers(args).await,
         Command::Scene(command) => scene::scene(command),
+        Command::Compare(args) => compare::command(&args),
         Command::Stability(args) => Ok(stability::command(args)?),
         Command::Soak(args) => soak::command(args),
         Command::Coverage(args) => coverage::command(args),

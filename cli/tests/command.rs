@@ -81,6 +81,9 @@ fn every_mistake_has_its_sentence_and_exit_code() {
         ("coordinator --listen 127.0.0.1:0 --data file", 2, "file: cannot be written to: is a file, not a folder"),
         ("render good.json -o out --data file", 2, "file: cannot be written to: is a file, not a folder"),
         ("scene check mesh.json", 2, "shapes[1].file"),
+        ("compare absent.exr file", 2, "absent.exr: no such file"),
+        ("compare good.json file", 2, "good.json: neither an EXR nor a PNG"),
+        ("compare file file -o diff.jpg", 2, "--output diff.jpg: expected a name that ends in .png"),
         ("job 17 --coordinator http://FREE", 2, "\"17\" is not of the form jNUMBER"),
         ("scene check good.json --log =", 2, "--log"),
         ("bench render mesh.json", 2, "shapes[1].file"),
@@ -203,4 +206,59 @@ fn a_bench_counts_what_it_renders_and_writes_the_picture() {
     let picture = std::fs::read(folder.path().join("a.pfm")).unwrap();
     assert!(picture.starts_with(b"PF\n24 16\n-1.0\n"));
     assert_eq!(picture.len(), b"PF\n24 16\n-1.0\n".len() + 24 * 16 * 12);
+}
+
+#[test]
+fn images_are_compared_by_layer_and_size() {
+    let folder = folder();
+    let done = |line: &str| {
+        let output = tessera(folder.path(), line);
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    for (name, seed) in [("a", 1), ("b", 2)] {
+        done(&format!("render good.json -o {name} --samples 16 --seed {seed}"));
+    }
+    let compared = |line: &str| -> Value { serde_json::from_slice(&done(&format!("compare {line} --json"))).unwrap() };
+    let (a, b) = ("a/frame-0001.exr", "b/frame-0001.exr");
+    let own = compared(&format!("{a} {a}"));
+    for measure in ["rmse", "mae", "relmse", "bias", "flip", "max"] {
+        assert_eq!(own[measure], 0.0, "{measure}: {own}");
+    }
+    let two = compared(&format!("{a} {b} -o diff.png"));
+    assert!(two["rmse"].as_f64().unwrap() > 0.0 && two["flip"].as_f64().unwrap() > 0.0, "{two}");
+    assert_eq!((&two["reference"], &two["resolution"]), (&Value::from(b), &serde_json::json!([24, 16])));
+    let picture = image::open(folder.path().join("diff.png")).unwrap();
+    assert!(picture.width() >= 24 && picture.height() > 16, "a legend stands below");
+    // The PNG holds what the EXR does, to a byte's steps and clipped at 1.
+    let png = compared(&format!("a/frame-0001.png {a}"));
+    assert!(png["mae"].as_f64().unwrap() < two["mae"].as_f64().unwrap() && png["max"].as_f64().unwrap() > 0.0, "{png}");
+    let layer = compared(&format!("{a} {b} --layer samples"));
+    assert_eq!(
+        (&layer["channels"][0], &layer["rmse"], &layer["flip"]),
+        (&"samples.Y".into(), &0.0.into(), &Value::Null)
+    );
+    let text = String::from_utf8(done(&format!("compare {a} {b}"))).unwrap();
+    assert!(text.contains("against the reference b/frame-0001.exr: R G B, 24x16") && text.contains("flip"), "{text}");
+
+    done("render good.json -o small.exr --samples 1 --resolution 12x8");
+    for (line, expected) in [
+        (format!("compare small.exr {a}"), "small.exr is 12x8 pixels and a/frame-0001.exr is 24x16"),
+        (
+            format!("compare {a} {b} --layer colour"),
+            "--layer colour: there is no such layer; its channels are A, B, G, R",
+        ),
+        (format!("compare a/frame-0001.png {b} --layer depth"), "--layer depth: a PNG has no layers"),
+        ("compare cut.exr small.exr".into(), "cut.exr: not a sound EXR"),
+        ("compare cut.png small.exr".into(), "cut.png: not a sound PNG"),
+    ] {
+        for name in ["exr", "png"] {
+            let whole = std::fs::read(folder.path().join(format!("a/frame-0001.{name}"))).unwrap();
+            std::fs::write(folder.path().join(format!("cut.{name}")), &whole[..whole.len() / 2]).unwrap();
+        }
+        let output = tessera(folder.path(), &line);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{line}: {said}");
+        assert!(said.contains(expected) && said.trim_end().lines().count() == 1, "{line}: {said}");
+    }
 }

@@ -1,4 +1,4 @@
-//! A perceptually even colour map.
+//! Colour maps: a perceptually even one for amounts, and one for signed amounts.
 
 /// viridis (van der Walt and Smith 2015) as the polynomial of degree 6 that Zucker fitted to its table:
 /// coefficients of rising powers, for red, green and blue in sRGB.
@@ -21,9 +21,27 @@ pub(super) fn viridis(t: f64) -> [u8; 3] {
     })
 }
 
+/// The ends of [`balance`], in sRGB: sky blue and orange of the palette of Okabe and Ito, which colour-blind
+/// readers tell apart.
+const BELOW: [f64; 3] = [86.0, 180.0, 233.0];
+const ABOVE: [f64; 3] = [230.0, 159.0, 0.0];
+
+/// The colour at `t` as sRGB bytes: black in the middle, at 0.5, blue towards 0 and orange towards 1.
+pub(super) fn balance(t: f64) -> [u8; 3] {
+    let t = if t.is_nan() { 0.5 } else { t.clamp(0.0, 1.0) };
+    let (end, share) = if t < 0.5 { (BELOW, 1.0 - 2.0 * t) } else { (ABOVE, 2.0 * t - 1.0) };
+    end.map(|value| (value * share + 0.5) as u8)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn signs_have_a_colour_each_and_zero_is_black() {
+        assert_eq!([0.0, 0.5, 1.0].map(balance), [[86, 180, 233], [0; 3], [230, 159, 0]]);
+        assert_eq!((balance(-3.0), balance(f64::INFINITY), balance(f64::NAN)), (balance(0.0), balance(1.0), [0; 3]));
+    }
 
     #[test]
     fn the_map_is_near_the_published_table_and_grows_lighter_evenly() {

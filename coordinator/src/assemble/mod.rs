@@ -120,6 +120,16 @@ pub fn make(raster: &Raster, picture: Picture) -> Result<Vec<u8>, BadPicture> {
     }
 }
 
+/// A PNG of signed differences, row by row, `size` being width and height: black where there is none, orange above
+/// 0, blue below, and a legend that begins with `of`. The scale ends where all but one pixel in a thousand keep to;
+/// what is not finite is grey.
+///
+/// # Errors
+/// The encoder failed.
+pub fn differences(size: [u32; 2], values: &[f32], of: &str) -> Result<Vec<u8>, BadPicture> {
+    legend::differences(size, values, of)
+}
+
 fn samples(raster: &Raster) -> Vec<f32> {
     raster.moments.iter().map(|m| m.samples as f32).collect()
 }
