@@ -13,7 +13,8 @@ use common::{
 };
 
 use crate::{
-    bench::BenchCommand, compare::CompareArgs, coverage::CoverageArgs, soak::SoakArgs, stability::StabilityArgs,
+    bench::BenchCommand, chart::ChartArgs, compare::CompareArgs, coverage::CoverageArgs, soak::SoakArgs,
+    stability::StabilityArgs,
 };
 
 /// A render farm with its own path tracer.
@@ -56,6 +57,8 @@ pub enum Command {
     /// Check and convert scene files
     #[command(subcommand)]
     Scene(SceneCommand),
+    /// Draw speed against accuracy: methods against each other on one scene
+    Chart(ChartArgs),
     /// Measure how far an image is from a reference
     Compare(CompareArgs),
     /// Show each method at the place where it fails, the textbook form beside ours
@@ -492,6 +495,8 @@ mod tests {
             "scene check s.json",
             "scene convert a.obj b.json",
             "scene schema",
+            "chart s.json -o d --methods light+one,auto --budgets 4,16 --seeds 2 --threads 1 --json --resolution 8x8",
+            "chart s.json -o d --reference a.exr --reference b.exr --max-depth 2 --seed 7",
             "compare a.exr b.exr --layer stderr.Y --json -o diff.png",
             "stability -o d --only roulette",
             "soak --samples 1e9 --scenes scenes --scenes a.json --only glass --threads 2 --keep d --json",

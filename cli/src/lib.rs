@@ -6,6 +6,7 @@
 mod args;
 mod bench;
 mod bundle;
+mod chart;
 pub mod compare;
 mod continued;
 pub mod coverage;
@@ -13,6 +14,7 @@ mod error;
 mod farm;
 mod jobs;
 mod output;
+mod parallel;
 mod print;
 mod progress;
 mod render;
@@ -76,6 +78,7 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Continue(args) => continued::go_on(args).await,
         Command::Workers(args) => jobs::workers(args).await,
         Command::Scene(command) => scene::scene(command),
+        Command::Chart(args) => chart::command(&args),
         Command::Compare(args) => compare::command(&args),
         Command::Stability(args) => Ok(stability::command(args)?),
         Command::Soak(args) => soak::command(args),

@@ -81,6 +81,19 @@ fn every_mistake_has_its_sentence_and_exit_code() {
         ("coordinator --listen 127.0.0.1:0 --data file", 2, "file: cannot be written to: is a file, not a folder"),
         ("render good.json -o out --data file", 2, "file: cannot be written to: is a file, not a folder"),
         ("scene check mesh.json", 2, "shapes[1].file"),
+        ("chart good.json -o c --methods fast", 2, "--methods: \"fast\" is not a method; expected values such as auto"),
+        ("chart good.json -o c --methods mis,mis", 2, "--methods: mis is named twice"),
+        ("chart good.json -o c --samples 4", 2, "--samples: chart takes --budgets"),
+        ("chart good.json -o c --frames 1-2", 2, "--frames: chart takes one frame"),
+        ("chart good.json -o c --budgets 16 --methods on", 2, "--budgets: on needs 64 samples per pixel or more"),
+        ("chart good.json -o c --budgets 4,x", 2, "'x' for '--budgets <LIST>'"),
+        ("chart good.json -o c --reference absent.exr", 2, "absent.exr: no such file"),
+        (
+            "chart good.json -o c --reference absent.exr --methods direct,mis",
+            2,
+            "--reference: methods that differ in only",
+        ),
+        ("chart good.json -o file", 2, "file: cannot be written to: is a file, not a folder"),
         ("compare absent.exr file", 2, "absent.exr: no such file"),
         ("compare good.json file", 2, "good.json: neither an EXR nor a PNG"),
         ("compare file file -o diff.jpg", 2, "--output diff.jpg: expected a name that ends in .png"),
@@ -261,4 +274,69 @@ fn images_are_compared_by_layer_and_size() {
         assert_eq!(output.status.code(), Some(2), "{line}: {said}");
         assert!(said.contains(expected) && said.trim_end().lines().count() == 1, "{line}: {said}");
     }
+}
+
+#[test]
+fn a_chart_measures_methods_against_a_reference_that_is_kept() {
+    let folder = folder();
+    let chart = |options: &str| -> Value {
+        let line = format!("chart good.json --cache kept -o chart --seeds 3 --budgets 64,16 --json {options}");
+        let output = tessera(folder.path(), &line);
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let options = "--methods hemisphere,light+one+area,direct,on --reference-samples 512 --threads 2 --max-depth 3";
+    let found = chart(options);
+    let at = |pointer: &str| found.pointer(pointer).unwrap_or_else(|| panic!("{pointer} in {found}"));
+    let names: Vec<_> = found["methods"].as_array().unwrap().iter().map(|method| &method["name"]).collect();
+    assert_eq!(names, ["textbook", "hemisphere", "light+one+area", "direct", "on"]);
+    assert_eq!((at("/methods/1/method/direct"), at("/methods/2/method/max_depth")), (&"hemisphere".into(), &3.into()));
+    assert_eq!(at("/methods/0/method/roulette"), "fixed");
+    // Budgets ascend; ours begins with its pilot.
+    assert_eq!((at("/methods/1/budgets/0/budget"), at("/methods/4/budgets/0/budget")), (&16.into(), &64.into()));
+    let number = |pointer: &str| at(pointer).as_f64().unwrap_or_else(|| panic!("{pointer} in {found}"));
+    for method in 0..5 {
+        let last = if method == 4 { 0 } else { 1 };
+        let of = |what: &str| number(&format!("/methods/{method}/budgets/{last}/{what}"));
+        assert!(of("relmse/low") <= of("relmse/mean") && of("relmse/mean") <= of("relmse/high"), "{found}");
+        let product = of("efficiency") * of("relmse/mean") * of("cpu_seconds");
+        assert!((product - 1.0).abs() < 1e-9, "{product}");
+        // Nothing here is biased: the interval holds 0, or misses it by no more than half its width.
+        let [low, high] = ["low", "high"].map(|end| number(&format!("/methods/{method}/bias/{end}")));
+        let slack = 0.5 * (high - low);
+        assert!(low - slack < 0.0 && high + slack > 0.0, "method {method}: {low} to {high}");
+    }
+    assert!(number("/methods/1/budgets/1/relmse/mean") > 4.0 * number("/methods/2/budgets/1/relmse/mean"), "{found}");
+    // A method that renders direct light alone is held against direct light alone.
+    assert_eq!((at("/methods/3/reference"), at("/methods/2/reference")), (&1.into(), &0.into()));
+    assert!(number("/references/0/relmse") < number("/methods/2/budgets/1/relmse/mean"));
+    assert_eq!((at("/references/1/samples"), at("/references/1/noise_taken_out")), (&1024.into(), &true.into()));
+
+    let text = |name: &str| std::fs::read_to_string(folder.path().join("chart").join(name)).unwrap();
+    assert_eq!(text("chart.csv").lines().count(), 1 + 3 * (4 * 2 + 1));
+    assert!(text("README.md").contains("| light+one+area |") && text("README.md").contains("(error.svg)"));
+    for name in ["error", "bias", "efficiency"] {
+        assert!(text(&format!("{name}.svg")).starts_with("<svg"), "{name}");
+        assert!(folder.path().join(format!("chart/{name}.png")).is_file(), "{name}");
+    }
+    assert_eq!(serde_json::from_str::<Value>(&text("chart.json")).unwrap(), found);
+
+    // The halves are kept: a second chart reads them, and may be given them by name.
+    let kept = || {
+        let entries = std::fs::read_dir(folder.path().join("kept")).unwrap().map(|entry| entry.unwrap());
+        let mut files: Vec<_> = entries.map(|e| (e.path(), e.metadata().unwrap().modified().unwrap())).collect();
+        files.sort();
+        files
+    };
+    let before = kept();
+    assert_eq!(before.len(), 4);
+    chart(options);
+    assert_eq!(kept(), before);
+    let file = |i: usize| found.pointer(&format!("/references/0/files/{i}")).unwrap().as_str().unwrap().to_owned();
+    let given = chart(&format!("--methods mis --max-depth 3 --reference {} --reference {}", file(0), file(1)));
+    assert_eq!(given["references"][0]["relmse"], found["references"][0]["relmse"]);
+    let small = tessera(folder.path(), &format!("chart good.json -o c --resolution 8x8 --reference {}", file(0)));
+    let said = String::from_utf8(small.stderr).unwrap();
+    assert_eq!(small.status.code(), Some(2));
+    assert!(said.contains("is 24x16 pixels, and the chart is of 8x8"), "{said}");
 }

@@ -7,7 +7,7 @@
 //! It knows nothing of stores or of scheduling, and computes no radiance itself.
 
 mod assets;
-mod clock;
+pub mod clock;
 pub mod endpoint;
 mod lease;
 pub mod link;

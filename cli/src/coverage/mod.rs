@@ -10,7 +10,6 @@ mod bias;
 mod command;
 mod continued;
 mod page;
-mod parallel;
 mod pays;
 mod refine;
 mod rendered;
@@ -28,7 +27,7 @@ pub use truth::Truth;
 
 use std::path::{Path, PathBuf};
 
-use crate::error::Failure;
+use crate::{error::Failure, parallel};
 
 /// One thing that is measured.
 #[derive(Debug, Clone, Copy)]
