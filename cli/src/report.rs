@@ -268,6 +268,8 @@ pub(crate) mod tests {
                 workers: 1,
                 ..Default::default()
             },
+            workers_now: 0,
+            request: None,
         }
     }
 

@@ -38,7 +38,7 @@ pub struct ErrorBody {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ApiError {
     /// A short name for programs: `not_found`, `invalid`, `missing_assets`, `conflict`, `unauthorized`,
-    /// `too_large`, `internal`.
+    /// `too_large`, `malformed`, `forbidden`, `method_not_allowed`, `leaving`, `internal`.
     pub code: String,
     /// One sentence for people.
     pub message: String,
@@ -153,6 +153,9 @@ pub struct Lease {
     pub settings: RenderSettings,
     /// The units.
     pub units: Vec<Unit>,
+    /// Id of the request that submitted the job, for the worker's log.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub request: Option<String>,
 }
 
 /// What the units of a frame have in common. With a [`Unit`] it is all that pixels depend on.
@@ -308,6 +311,12 @@ pub struct JobView {
     pub forecasts: Vec<Forecast>,
     /// What it cost so far.
     pub statistics: JobStatistics,
+    /// Workers that hold units of it now.
+    #[serde(default)]
+    pub workers_now: u32,
+    /// Id of the request that submitted it, as the logs have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub request: Option<String>,
 }
 
 /// What a job is to cost in the end, as foreseen from the errors and costs measured so far.
@@ -403,6 +412,60 @@ pub struct TileView {
     pub milliseconds: f64,
     /// Samples taken in it.
     pub samples: u64,
+    /// Why its last attempt came to nothing, where one did; see `/jobs/{id}/failures`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub message: Option<String>,
+}
+
+/// An attempt at a unit that came to nothing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FailureView {
+    /// When, RFC 3339.
+    pub at: String,
+    /// Frame number.
+    pub frame: u32,
+    /// Tile index in the frame.
+    pub tile: u32,
+    /// Pass of the tile.
+    pub pass: u32,
+    /// The worker that had it.
+    pub worker: WorkerId,
+    /// `failed`: the worker could not render it, or handed in a bad result. `hung`: it was not done in many
+    /// times the predicted time. `lost`: its worker fell silent.
+    pub cause: String,
+    /// One sentence.
+    pub message: String,
+}
+
+/// What went wrong in a job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FailureList {
+    /// The last attempts that came to nothing, oldest first, at most 100.
+    pub failures: Vec<FailureView>,
+}
+
+/// How the error of a job fell so far, and what is foreseen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Convergence {
+    /// What was measured, in the order of time.
+    pub points: Vec<ConvergencePoint>,
+    /// The relative error that is asked for; absent without a noise target.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<f64>,
+    /// Where it is to end; absent when it has ended, or nothing can be told yet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub forecast: Option<ConvergencePoint>,
+}
+
+/// The error after so much work.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ConvergencePoint {
+    /// Processor seconds of all workers.
+    pub cpu_seconds: f64,
+    /// Samples taken.
+    pub samples: f64,
+    /// Relative error that 99% of the measured pixels keep to, as [`JobView::error`].
+    pub error: f64,
 }
 
 /// A worker as people see it.
@@ -430,6 +493,30 @@ pub struct WorkerView {
     pub last_seen_seconds: f64,
     /// Units it holds now.
     pub leased: u64,
+    /// Samples per second over the last ten minutes.
+    #[serde(default)]
+    pub samples_per_second_before: f64,
+    /// What it works on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lease: Option<LeaseView>,
+    /// Scenes that it holds prepared, as (scene, frame).
+    #[serde(default)]
+    pub prepared: Vec<(AssetHash, u32)>,
+}
+
+/// A lease as people see it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LeaseView {
+    /// Its name.
+    pub id: LeaseId,
+    /// The job.
+    pub job: JobId,
+    /// Frame number.
+    pub frame: u32,
+    /// Units in it that are not done.
+    pub units: u64,
+    /// Seconds since it was given.
+    pub seconds: f64,
 }
 
 /// All workers of the farm.
@@ -437,6 +524,71 @@ pub struct WorkerView {
 pub struct WorkerList {
     /// The workers, oldest first.
     pub workers: Vec<WorkerView>,
+}
+
+/// The farm as a whole, and how it was over the last hour.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FarmView {
+    /// Version of the coordinator.
+    pub version: String,
+    /// Units waiting for a worker now.
+    pub units_pending: u64,
+    /// Units that workers hold now.
+    pub units_leased: u64,
+    /// Jobs by state.
+    pub jobs: std::collections::BTreeMap<String, u64>,
+    /// Workers by state.
+    pub workers: std::collections::BTreeMap<String, u64>,
+    /// Every few seconds, oldest first; begins anew when the coordinator does.
+    pub history: Vec<FarmMoment>,
+}
+
+/// The farm at one moment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FarmMoment {
+    /// Seconds since 1970.
+    pub at: f64,
+    /// Units waiting for a worker.
+    pub units_pending: u64,
+    /// Units that workers hold.
+    pub units_leased: u64,
+    /// Samples per second of all workers.
+    pub samples_per_second: f64,
+    /// Share of the present workers' threads whose worker holds a lease, 0 to 1; 0 without workers.
+    pub busy: f64,
+}
+
+/// A file that was stored.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Stored {
+    /// Its name from now on.
+    pub hash: AssetHash,
+    /// Bytes.
+    pub size: u64,
+}
+
+/// A scene that comes with the coordinator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ShippedScene {
+    /// Its name in the API: `cornell-box`.
+    pub id: String,
+    /// Its name for people.
+    pub name: String,
+    /// What it shows.
+    pub description: String,
+    /// Frame size, pixels.
+    pub resolution: [u32; 2],
+    /// What it asks for.
+    pub quality: Quality,
+    /// What to submit: `{"scene": {"asset": ...}}`.
+    pub scene: AssetHash,
+}
+
+/// The scenes that come with the coordinator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ShippedScenes {
+    /// The scenes, by name.
+    pub scenes: Vec<ShippedScene>,
 }
 
 /// The tiles of a frame.

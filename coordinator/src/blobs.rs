@@ -1,11 +1,20 @@
 //! Files by the hash of their bytes, in a folder (or any object store).
 
-use std::{path::Path as FilePath, sync::Arc};
+use std::{
+    path::Path as FilePath,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+};
 
 use bytes::Bytes;
 use common::hash::AssetHash;
 use futures::{Stream, StreamExt, TryStreamExt, stream::BoxStream};
 use object_store::{ObjectStore, ObjectStoreExt, WriteMultipart, local::LocalFileSystem, path::Path};
+
+/// Numbers files that are on their way in.
+static INCOMING: AtomicU64 = AtomicU64::new(0);
 
 /// Content-addressed files.
 #[derive(Debug, Clone)]
@@ -93,46 +102,72 @@ impl Blobs {
     ) -> Result<bool, BlobError> {
         let known = self.size(hash).await?.is_some();
         let mut upload = WriteMultipart::new(self.0.put_multipart(&place(hash)).await?);
-        let mut hasher = blake3::Hasher::new();
-        let mut size = 0;
-        let refused = loop {
-            match bytes.next().await {
-                None => break None,
-                Some(Err(error)) => break Some(BlobError::BrokenOff(error.to_string())),
-                Some(Ok(chunk)) => {
-                    size += chunk.len() as u64;
-                    if size > limit {
-                        break Some(BlobError::TooLarge(limit));
-                    }
-                    hasher.update(&chunk);
-                    upload.wait_for_capacity(4).await?;
-                    upload.put(chunk);
-                }
-            }
+        let received = match receive(&mut upload, &mut bytes, limit).await {
+            Ok((found, _)) if found != hash => Err(BlobError::OtherHash(found)),
+            received => received,
         };
-        let found = hasher.finalize();
-        let refused = match refused {
-            None if found.as_bytes() != hash.as_bytes() => {
-                let found = found.to_hex().parse().unwrap_or(hash);
-                Some(BlobError::OtherHash(found))
-            }
-            other => other,
-        };
-        match refused {
-            Some(error) => {
+        match received {
+            Err(error) => {
                 upload.abort().await?;
                 Err(error)
             }
-            None if known => {
+            Ok(_) if known => {
                 upload.abort().await?;
                 Ok(false)
             }
-            None => {
+            Ok(_) => {
                 upload.finish().await?;
                 Ok(true)
             }
         }
     }
+
+    /// Store a file whose hash the sender does not know: the hash and the size in bytes.
+    ///
+    /// # Errors
+    /// A file above the limit, or one that breaks off, leaves nothing behind.
+    pub async fn keep<E: std::fmt::Display>(
+        &self,
+        mut bytes: impl Stream<Item = Result<Bytes, E>> + Unpin,
+        limit: u64,
+    ) -> Result<(AssetHash, u64), BlobError> {
+        // Not a place that a hash names; what a coordinator that was killed left there is written over.
+        let there = Path::from(format!("incoming/{}", INCOMING.fetch_add(1, Ordering::Relaxed)));
+        let mut upload = WriteMultipart::new(self.0.put_multipart(&there).await?);
+        match receive(&mut upload, &mut bytes, limit).await {
+            Err(error) => {
+                upload.abort().await?;
+                Err(error)
+            }
+            Ok((hash, size)) => {
+                upload.finish().await?;
+                self.0.rename(&there, &place(hash)).await?;
+                Ok((hash, size))
+            }
+        }
+    }
+}
+
+/// Take in a file: its hash and size.
+async fn receive<E: std::fmt::Display>(
+    upload: &mut WriteMultipart,
+    bytes: &mut (impl Stream<Item = Result<Bytes, E>> + Unpin),
+    limit: u64,
+) -> Result<(AssetHash, u64), BlobError> {
+    let mut hasher = blake3::Hasher::new();
+    let mut size = 0;
+    while let Some(chunk) = bytes.next().await {
+        let chunk = chunk.map_err(|error| BlobError::BrokenOff(error.to_string()))?;
+        size += chunk.len() as u64;
+        if size > limit {
+            return Err(BlobError::TooLarge(limit));
+        }
+        hasher.update(&chunk);
+        upload.wait_for_capacity(4).await?;
+        upload.put(chunk);
+    }
+    let hash = hasher.finalize().to_hex().parse().map_err(|_| BlobError::BrokenOff("it has no hash".into()))?;
+    Ok((hash, size))
 }
 
 /// Two levels of folders, so that no folder grows too long.
@@ -166,6 +201,26 @@ mod tests {
         let empty = AssetHash::of(b"");
         assert!(put(&blobs, empty, b"", 0).await.unwrap());
         assert_eq!(blobs.size(empty).await.unwrap(), Some(0));
+    }
+
+    #[tokio::test]
+    async fn a_file_without_a_name_gets_one_from_its_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let blobs = Blobs::folder(folder.path()).unwrap();
+        let keep = |bytes: &'static [u8], limit| {
+            let blobs = blobs.clone();
+            let chunks = bytes.chunks(3).map(|chunk| Ok::<_, String>(Bytes::from_static(chunk)));
+            async move { blobs.keep(futures::stream::iter(chunks), limit).await }
+        };
+        let hash = AssetHash::of(b"some bytes");
+        assert!(matches!(keep(b"some bytes", 9).await, Err(BlobError::TooLarge(9))));
+        assert_eq!(blobs.size(hash).await.unwrap(), None);
+        for _ in 0..2 {
+            assert_eq!(keep(b"some bytes", 10).await.unwrap(), (hash, 10));
+            assert_eq!(blobs.read(hash, 10).await.unwrap().unwrap(), "some bytes");
+        }
+        let left = std::fs::read_dir(folder.path().join("incoming")).map_or(0, Iterator::count);
+        assert_eq!(left, 0, "nothing stays on its way");
     }
 
     #[tokio::test]

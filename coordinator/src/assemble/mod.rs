@@ -130,6 +130,14 @@ pub fn differences(size: [u32; 2], values: &[f32], of: &str) -> Result<Vec<u8>, 
     legend::differences(size, values, of)
 }
 
+/// A PNG made no wider than `width` pixels.
+///
+/// # Errors
+/// It is no PNG, or the encoder failed.
+pub fn smaller(picture: &[u8], width: u32) -> Result<Vec<u8>, BadPicture> {
+    png::smaller(picture, width)
+}
+
 fn samples(raster: &Raster) -> Vec<f32> {
     raster.moments.iter().map(|m| m.samples as f32).collect()
 }

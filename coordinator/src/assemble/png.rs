@@ -14,6 +14,18 @@ pub(super) fn image(raster: &Raster) -> Result<Vec<u8>, BadPicture> {
     encode(&bytes, raster.region.w, raster.region.h, ExtendedColorType::Rgba8)
 }
 
+/// A PNG made no wider than `width` pixels, by averaging.
+pub(super) fn smaller(picture: &[u8], width: u32) -> Result<Vec<u8>, BadPicture> {
+    let whole = image::load_from_memory_with_format(picture, image::ImageFormat::Png)?.into_rgba8();
+    let (w, h) = whole.dimensions();
+    if w <= width {
+        return Ok(picture.to_vec());
+    }
+    let height = (u64::from(h) * u64::from(width) / u64::from(w)).max(1) as u32;
+    let small = image::imageops::thumbnail(&whole, width, height);
+    encode(small.as_raw(), small.width(), small.height(), ExtendedColorType::Rgba8)
+}
+
 pub(super) fn encode(bytes: &[u8], w: u32, h: u32, colour: ExtendedColorType) -> Result<Vec<u8>, BadPicture> {
     let mut file = Vec::new();
     PngEncoder::new(&mut file).write_image(bytes, w, h, colour)?;

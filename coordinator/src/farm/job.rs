@@ -27,22 +27,26 @@ pub fn transition(from: JobState, to: JobState) -> Result<JobState, String> {
     }
 }
 
-/// Something counted per second, over the last few seconds.
+/// Something counted per second, over the last so many seconds.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Rate {
+pub(super) struct Rate<const SECONDS: u32 = 5> {
     value: f64,
     at: f64,
 }
 
-impl Rate {
-    const SECONDS: f64 = 5.0;
-
+impl<const SECONDS: u32> Rate<SECONDS> {
     pub(super) fn add(&mut self, amount: f64, now: f64) {
-        *self = Rate { value: self.get(now) + amount / Self::SECONDS, at: now };
+        *self = Rate { value: self.get(now) + amount / f64::from(SECONDS), at: now };
     }
 
     pub(super) fn get(&self, now: f64) -> f64 {
-        self.value * libm::exp(-(now - self.at).max(0.0) / Self::SECONDS)
+        self.value * libm::exp(-(now - self.at).max(0.0) / f64::from(SECONDS))
+    }
+
+    /// The same of something that began only at `began`: what came before counts as alike, not as nothing.
+    pub(super) fn since(&self, began: f64, now: f64) -> f64 {
+        let known = -libm::expm1(-(now - began).max(0.0) / f64::from(SECONDS));
+        if known > 0.0 { self.get(now) / known } else { 0.0 }
     }
 }
 

@@ -8,7 +8,7 @@ use common::{
 };
 
 use super::{
-    DEADLINE_FACTOR, DEADLINE_GRACE, Effect, Farm, Grant, LEASE_SECONDS, LEASE_TARGET,
+    Attempt, DEADLINE_FACTOR, DEADLINE_GRACE, Effect, Farm, Grant, LEASE_SECONDS, LEASE_TARGET, TileKey,
     job::{Phase, Piece, PieceState, Running, Stage},
 };
 
@@ -36,6 +36,19 @@ pub(super) struct Held {
     pub(super) deadline: f64,
     /// Processor seconds of the units handed in so far.
     pub(super) cpu_seconds: f64,
+}
+
+impl Held {
+    /// What is told of an attempt at one of its units.
+    pub(super) fn attempt_failed(&self, unit: &UnitRef, cause: &'static str, message: &str) -> Effect {
+        Effect::AttemptFailed(Attempt {
+            tile: TileKey { job: self.job, frame: self.frame, tile: unit.tile },
+            pass: unit.pass,
+            worker: self.worker,
+            cause,
+            message: message.into(),
+        })
+    }
 }
 
 #[derive(Debug)]
@@ -316,6 +329,8 @@ impl Farm {
                 self.counters.returned += units.len() as u64;
             }
             Release::Lost => {
+                let why = "the worker fell silent while it held the unit";
+                out.extend(units.iter().map(|unit| held.attempt_failed(unit, "lost", why)));
                 let worst = self.give_back(lease, &held, &units, |piece| piece.lost += 1);
                 self.counters.lost += units.len() as u64;
                 if worst.lost >= super::MAX_LOST {
@@ -327,7 +342,7 @@ impl Farm {
             Release::Hung => {
                 let seconds = now - held.granted_at;
                 let message = format!("not done within {seconds:.0} s");
-                self.units_failed(lease, &held, &units, &message, now, out);
+                self.units_failed(lease, &held, &units, "hung", &message, now, out);
             }
         }
     }

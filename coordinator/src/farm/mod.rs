@@ -280,6 +280,8 @@ pub enum Effect {
     WorkerChanged(WorkerId),
     /// The worker's name, in answer to [`Event::Register`].
     Registered(WorkerId),
+    /// An attempt at a unit came to nothing.
+    AttemptFailed(Attempt),
     /// The answer to [`Event::Heartbeat`].
     Heartbeat {
         /// Leases to stop.
@@ -308,6 +310,21 @@ pub struct Accepted {
     pub attempts: u32,
     /// Who rendered it, where known.
     pub worker: Option<WorkerId>,
+}
+
+/// An attempt at a unit that came to nothing and counts against it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Attempt {
+    /// The tile.
+    pub tile: TileKey,
+    /// The pass.
+    pub pass: u32,
+    /// Who had it.
+    pub worker: WorkerId,
+    /// `failed`, `hung` or `lost`.
+    pub cause: &'static str,
+    /// One sentence.
+    pub message: String,
 }
 
 /// Units for one worker.

@@ -87,6 +87,7 @@ impl Farm {
             worker.strikes = 0;
             worker.history.units += 1;
             worker.samples.add(samples as f64, now);
+            worker.samples_before.add(samples as f64, now);
             worker.jobs.insert(id.job);
         }
         for holder in holders {
@@ -166,7 +167,7 @@ impl Farm {
                 self.counters.returned += units.len() as u64;
                 self.give_back(lease, &held, &units, |_| {});
             }
-            FailureCause::Failed => self.units_failed(lease, &held, &units, message, now, out),
+            FailureCause::Failed => self.units_failed(lease, &held, &units, "failed", message, now, out),
         }
         // The job may have failed, and its leases with it.
         let over = self.jobs.get(&held.job).is_none_or(|job| job.state.is_final());
@@ -185,11 +186,13 @@ impl Farm {
     }
 
     /// Units failed on a worker: others try, until there is reason to believe that the units are at fault.
+    #[expect(clippy::too_many_arguments, reason = "what failed, how and when")]
     pub(super) fn units_failed(
         &mut self,
         lease: LeaseId,
         held: &Held,
         units: &[UnitRef],
+        cause: &'static str,
         message: &str,
         now: f64,
         out: &mut Vec<Effect>,
@@ -198,6 +201,7 @@ impl Farm {
             return;
         }
         self.counters.failed += units.len() as u64;
+        out.extend(units.iter().map(|unit| held.attempt_failed(unit, cause, message)));
         self.strike(held.worker, units.len() as u64, now, out);
         let worst = self.give_back(lease, held, units, |piece| {
             piece.failures += 1;

@@ -2,7 +2,7 @@
 
 use common::{
     job::{JobId, JobState, LeaseId, WorkerId},
-    protocol::WorkerView,
+    protocol::{LeaseView, WorkerView},
 };
 
 use super::{
@@ -32,6 +32,8 @@ pub struct JobStatus {
     pub cpu_rate: Option<f64>,
     /// Units handed back, failed or lost, and tried again.
     pub retries: u64,
+    /// Workers that hold units of it.
+    pub workers: u32,
     /// Its frames.
     pub frames: Vec<FrameStatus>,
 }
@@ -120,6 +122,10 @@ impl Farm {
             eta_seconds: eta(job, now),
             cpu_rate: self.cpu_rate(id, job, now),
             retries: job.retries,
+            workers: {
+                let held = self.leases.values().filter(|held| held.job == id);
+                held.map(|held| held.worker).collect::<std::collections::BTreeSet<_>>().len() as u32
+            },
             frames,
         })
     }
@@ -166,7 +172,14 @@ impl Farm {
     #[must_use]
     pub fn worker(&self, id: WorkerId, now: f64) -> Option<WorkerView> {
         let worker = self.workers.get(&id)?;
-        let held = worker.leases.iter().filter_map(|lease| self.leases.get(lease));
+        let leases = || worker.leases.iter().filter_map(|lease| Some((*lease, self.leases.get(lease)?)));
+        let lease = leases().next().map(|(id, held)| LeaseView {
+            id,
+            job: held.job,
+            frame: held.frame,
+            units: held.units.len() as u64,
+            seconds: (now - held.granted_at).max(0.0),
+        });
         Some(WorkerView {
             id,
             machine: worker.register.machine.clone(),
@@ -178,7 +191,10 @@ impl Farm {
             units: worker.history.units,
             failures: worker.history.failures,
             last_seen_seconds: (now - worker.last_seen).max(0.0),
-            leased: held.map(|held| held.units.len() as u64).sum(),
+            leased: leases().map(|(_, held)| held.units.len() as u64).sum(),
+            samples_per_second_before: worker.samples_before.since(worker.since, now),
+            lease,
+            prepared: worker.prepared.iter().copied().collect(),
         })
     }
 

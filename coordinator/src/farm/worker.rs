@@ -35,6 +35,10 @@ pub(super) struct Worker {
     /// Jobs that it has handed in results of.
     pub(super) jobs: BTreeSet<JobId>,
     pub(super) samples: Rate,
+    /// The same over ten minutes.
+    pub(super) samples_before: Rate<600>,
+    /// When it came.
+    pub(super) since: f64,
 }
 
 impl Worker {
@@ -54,6 +58,8 @@ impl Worker {
             speed: None,
             jobs: BTreeSet::new(),
             samples: Rate::default(),
+            samples_before: Rate::default(),
+            since: now,
         }
     }
 

@@ -19,10 +19,21 @@ use crate::{error::Failure, service::Service};
 
 type Events = Sse<axum::response::sse::KeepAliveStream<futures::stream::BoxStream<'static, Result<Event, Infallible>>>>;
 
+/// What happens on the farm, as server-sent events
+///
+/// First the present state: `jobs` (the newest 100) and `workers`. Then `state` and `progress` of a job, `tile`,
+/// `worker`, and `removed`, as they come.
+#[utoipa::path(get, path = "/events", tag = "farm",
+    responses((status = 200, description = "The events, without end.", content_type = "text/event-stream")))]
 pub(super) async fn all(State(service): Shared) -> Events {
     stream(service, None)
 }
 
+/// What happens to a job, as server-sent events
+///
+/// First the present `state`; then `state`, `progress`, `tile` and `removed`, as they come.
+#[utoipa::path(get, path = "/jobs/{id}/events", tag = "jobs",
+    responses((status = 200, description = "The events, without end.", content_type = "text/event-stream")))]
 pub(super) async fn of_job(State(service): Shared, Parsed((id,)): Parsed<(JobId,)>) -> Result<Events, Failure> {
     service.job_view(id)?;
     Ok(stream(service, Some(id)))

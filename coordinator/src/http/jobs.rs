@@ -1,28 +1,67 @@
-//! Routes of jobs and their pictures.
+//! Routes of jobs.
 
 use axum::{
-    Json as Answer,
+    Extension, Json as Answer,
     extract::State,
     http::{HeaderMap, StatusCode, header},
     response::{IntoResponse, Response},
 };
 use common::{
     job::{FieldError, JobId, JobRequest, JobState},
-    protocol::{API, JobList, JobPatch, JobView, TileList},
+    protocol::{API, Convergence, FailureList, JobList, JobPatch, JobView},
 };
 
 use super::{
     Shared,
     extract::{Json, Parameters, Parsed},
+    request::RequestId,
 };
-use crate::{assemble::Picture, error::Failure, farm::Command};
+use crate::{error::Failure, farm::Command};
 
-pub(super) async fn submit(State(service): Shared, Json(request): Json<JobRequest>) -> Result<Response, Failure> {
-    let view = service.submit(request).await?;
-    let place = format!("{API}/jobs/{}", view.id);
-    Ok((StatusCode::CREATED, [(header::LOCATION, place)], Answer(view)).into_response())
+/// Longest key that names a submission.
+const LONGEST_KEY: usize = 255;
+
+/// Submit a job
+///
+/// With an `Idempotency-Key`, a submission that is repeated, perhaps because its answer was lost, makes no second job:
+/// it is answered by the first one as it stands.
+#[utoipa::path(post, path = "/jobs", tag = "jobs",
+    params(("Idempotency-Key" = Option<String>, Header, description = "Drawn by the client, 1 to 255 visible characters.", min_length = 1, max_length = 255)),
+    request_body(content = ref("#/components/schemas/JobRequest"), content_type = "application/json"),
+    responses(
+        (status = 200, description = "The job that was made of the same request before.", body = ref("#/components/schemas/JobView")),
+        (status = 201, description = "The job.", body = ref("#/components/schemas/JobView"), headers(("Location", description = "Where it is."))),
+        (status = 409, description = "Files are missing: `error.missing` lists their hashes.", body = ref("#/components/schemas/ErrorBody")),
+        (status = 422, description = "A field is wrong: `error.field` names it.", body = ref("#/components/schemas/ErrorBody")),
+    ))]
+pub(super) async fn submit(
+    State(service): Shared,
+    Extension(RequestId(id)): Extension<RequestId>,
+    headers: HeaderMap,
+    Json(request): Json<JobRequest>,
+) -> Result<Response, Failure> {
+    let key = key(&headers)?;
+    let (view, new) = service.submit_once(request, key, Some(id)).await?;
+    let place = [(header::LOCATION, format!("{API}/jobs/{}", view.id))];
+    let status = if new { StatusCode::CREATED } else { StatusCode::OK };
+    Ok((status, place, Answer(view)).into_response())
 }
 
+fn key(headers: &HeaderMap) -> Result<Option<String>, Failure> {
+    let Some(given) = headers.get("idempotency-key") else { return Ok(None) };
+    let key = given.to_str().ok().filter(|key| (1..=LONGEST_KEY).contains(&key.len()));
+    let message = format!("must be 1 to {LONGEST_KEY} visible ASCII characters");
+    key.map(|key| Some(key.to_owned())).ok_or_else(|| FieldError::new("Idempotency-Key", message).into())
+}
+
+/// Jobs, newest first
+#[utoipa::path(get, path = "/jobs", tag = "jobs",
+    params(
+        ("status" = Option<String>, Query, description = "Only jobs in this state: queued, active, paused, completed, failed or canceled."),
+        ("limit" = Option<u32>, Query, description = "Most jobs of a page, 1 to 500; 50 where absent.", minimum = 1, maximum = 500),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before."),
+    ),
+    responses((status = 200, description = "A page of jobs.", body = ref("#/components/schemas/JobList"))))]
 pub(super) async fn list(State(service): Shared, parameters: Parameters) -> Result<Answer<JobList>, Failure> {
     let parameters = parameters.only(&["status", "limit", "cursor"])?;
     let state: Option<JobState> = parameters.get("status")?;
@@ -35,10 +74,19 @@ pub(super) async fn list(State(service): Shared, parameters: Parameters) -> Resu
     Ok(Answer(JobList { jobs, next: next.map(|id| id.to_string()) }))
 }
 
+/// A job
+#[utoipa::path(get, path = "/jobs/{id}", tag = "jobs",
+    responses((status = 200, description = "The job.", body = ref("#/components/schemas/JobView"))))]
 pub(super) async fn view(State(service): Shared, Parsed((id,)): Parsed<(JobId,)>) -> Result<Answer<JobView>, Failure> {
     service.job_view(id).map(Answer)
 }
 
+/// Change a job
+///
+/// A finer target ("continue") keeps every sample taken.
+#[utoipa::path(patch, path = "/jobs/{id}", tag = "jobs",
+    request_body(content = ref("#/components/schemas/JobPatch"), content_type = "application/json"),
+    responses((status = 200, description = "The job.", body = ref("#/components/schemas/JobView"))))]
 pub(super) async fn patch(
     State(service): Shared,
     Parsed((id,)): Parsed<(JobId,)>,
@@ -47,14 +95,22 @@ pub(super) async fn patch(
     service.patch(id, patch).await.map(Answer)
 }
 
+/// Delete a job that is over, and its files
+#[utoipa::path(delete, path = "/jobs/{id}", tag = "jobs",
+    responses((status = 204, description = "It is gone.")))]
 pub(super) async fn delete(State(service): Shared, Parsed((id,)): Parsed<(JobId,)>) -> Result<StatusCode, Failure> {
     service.delete(id).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
 macro_rules! commands {
-    ($($name:ident $command:expr),+ $(,)?) => {
-        $(pub(super) async fn $name(
+    ($($(#[$doc:meta])* $name:ident $path:literal $command:expr),+ $(,)?) => {
+        $($(#[$doc])*
+        #[utoipa::path(post, path = $path, tag = "jobs", responses(
+            (status = 200, description = "The job.", body = ref("#/components/schemas/JobView")),
+            (status = 409, description = "Its state does not allow it.", body = ref("#/components/schemas/ErrorBody")),
+        ))]
+        pub(super) async fn $name(
             State(service): Shared,
             Parsed((id,)): Parsed<(JobId,)>,
         ) -> Result<Answer<JobView>, Failure> {
@@ -64,33 +120,42 @@ macro_rules! commands {
 }
 
 commands! {
-    cancel Command::Cancel,
-    pause Command::Pause,
-    resume Command::Resume,
-    requeue Command::Requeue,
+    /// Give a job up
+    cancel "/jobs/{id}/cancel" Command::Cancel,
+    /// Hold a job back
+    pause "/jobs/{id}/pause" Command::Pause,
+    /// Let a paused job go on
+    resume "/jobs/{id}/resume" Command::Resume,
+    /// Try a failed or canceled job again, from what it has
+    requeue "/jobs/{id}/requeue" Command::Requeue,
 }
 
-pub(super) async fn tiles(
+/// What went wrong in a job
+#[utoipa::path(get, path = "/jobs/{id}/failures", tag = "jobs",
+    responses((status = 200, description = "The last attempts that came to nothing.", body = ref("#/components/schemas/FailureList"))))]
+pub(super) async fn failures(
     State(service): Shared,
-    Parsed((id, frame)): Parsed<(JobId, u32)>,
-) -> Result<Answer<TileList>, Failure> {
-    Ok(Answer(TileList { tiles: service.tile_views(id, frame).await? }))
+    Parsed((id,)): Parsed<(JobId,)>,
+) -> Result<Answer<FailureList>, Failure> {
+    Ok(Answer(FailureList { failures: service.failures(id)? }))
 }
 
-pub(super) async fn picture(
+/// How the error of a job falls with the work spent
+#[utoipa::path(get, path = "/jobs/{id}/convergence.json", tag = "jobs",
+    responses((status = 200, description = "The points, and the forecast.", body = ref("#/components/schemas/Convergence"))))]
+pub(super) async fn convergence(
     State(service): Shared,
-    Parsed((id, frame, name)): Parsed<(JobId, u32, String)>,
-    headers: HeaderMap,
+    Parsed((id,)): Parsed<(JobId,)>,
+) -> Result<Answer<Convergence>, Failure> {
+    service.convergence(id).map(Answer)
+}
+
+/// How the error of a job falls with the work spent, as a chart
+#[utoipa::path(get, path = "/jobs/{id}/convergence.svg", tag = "jobs",
+    responses((status = 200, description = "The chart.", content_type = "image/svg+xml")))]
+pub(super) async fn convergence_chart(
+    State(service): Shared,
+    Parsed((id,)): Parsed<(JobId,)>,
 ) -> Result<Response, Failure> {
-    let Some(picture) = Picture::ALL.into_iter().find(|picture| picture.name() == name) else {
-        return Err(Failure::NotFound(format!("picture \"{name}\" of a frame")));
-    };
-    let tag = service.picture_tag(id, frame, picture)?;
-    let cache = [(header::ETAG, tag.clone()), (header::CACHE_CONTROL, "no-cache".into())];
-    let known = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    if known.flat_map(|value| value.split(',')).any(|known| matches!(known.trim(), "*") || known.trim() == tag) {
-        return Ok((StatusCode::NOT_MODIFIED, cache).into_response());
-    }
-    let bytes = service.picture(id, frame, picture).await?;
-    Ok((cache, [(header::CONTENT_TYPE, picture.media_type())], bytes).into_response())
+    Ok(([(header::CONTENT_TYPE, "image/svg+xml")], service.convergence_chart(id)?).into_response())
 }

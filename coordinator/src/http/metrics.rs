@@ -7,14 +7,23 @@ use axum::{extract::State, http::header, response::IntoResponse};
 use super::Shared;
 use crate::error::Failure;
 
+/// Whether it lives
+#[utoipa::path(get, path = "/healthz", tag = "service",
+    responses((status = 200, description = "It does.", content_type = "text/plain")))]
 pub(super) async fn health() -> &'static str {
     "ok\n"
 }
 
+/// Whether it takes requests
+#[utoipa::path(get, path = "/readyz", tag = "service",
+    responses((status = 200, description = "It does.", content_type = "text/plain")))]
 pub(super) async fn ready(State(service): Shared) -> Result<&'static str, Failure> {
     if service.leaving.is_cancelled() { Err(Failure::Leaving) } else { Ok("ready\n") }
 }
 
+/// Figures in the text format of Prometheus
+#[utoipa::path(get, path = "/metrics", tag = "service",
+    responses((status = 200, description = "The figures.", content_type = "text/plain")))]
 pub(super) async fn metrics(State(service): Shared) -> impl IntoResponse {
     let (counters, (pending, leased), jobs) = {
         let farm = service.farm();

@@ -19,7 +19,7 @@ use crate::{
     error::Failure,
     farm::{Command, Event, Farm, JobSpec, Restored, TileKey, TileProgress},
     plan::Rule,
-    store::{JobRecord, Write},
+    store::{JobRecord, Once, Write},
     time::{stamp, unix},
 };
 
@@ -39,12 +39,57 @@ struct TileNotice {
     done: bool,
 }
 
+/// Where a job comes from.
+#[derive(Debug, Default)]
+pub(super) struct Origin {
+    /// Id of the request.
+    pub(super) request: Option<String>,
+    /// How it is known when it comes again.
+    pub(super) once: Option<Once>,
+}
+
 impl Service {
+    /// Take in a job, unless the client has submitted it before under the same key. When this returns, it is on
+    /// disk. Whether it is new.
+    ///
+    /// # Errors
+    /// A field that is wrong, files that are missing, or a key that was used for another job.
+    pub async fn submit_once(
+        self: &Arc<Self>,
+        request: JobRequest,
+        key: Option<String>,
+        request_id: Option<String>,
+    ) -> Result<(JobView, bool), Failure> {
+        let origin = Origin { request: request_id, once: None };
+        let Some(key) = key else { return Ok((self.submit(request, origin).await?, true)) };
+        // One at a time: of two that come together, the second must find the first.
+        let _turn = self.submitting.lock().await;
+        let text = serde_json::to_vec(&request).map_err(|error| Failure::Internal(error.to_string()))?;
+        let once = Once { key, request: AssetHash::of(&text) };
+        let known = {
+            let jobs = self.jobs.read().unwrap_or_else(PoisonError::into_inner);
+            let same = |(id, entry): (&JobId, &Arc<JobEntry>)| {
+                let record = lock(&entry.record);
+                let known = record.once.as_ref().filter(|known| known.key == once.key)?;
+                Some((*id, known.request == once.request))
+            };
+            jobs.iter().rev().find_map(same)
+        };
+        match known {
+            Some((id, true)) => Ok((self.job_view(id)?, false)),
+            Some((id, false)) => {
+                let message = format!("this key has been used for another request, which made job {id}");
+                Err(FieldError::new("Idempotency-Key", message).into())
+            }
+            None => Ok((self.submit(request, Origin { once: Some(once), ..origin }).await?, true)),
+        }
+    }
+
     /// Take in a job. When this returns, it is on disk.
     ///
     /// # Errors
     /// A field that is wrong, or files that are missing.
-    pub async fn submit(self: &Arc<Self>, request: JobRequest) -> Result<JobView, Failure> {
+    pub(super) async fn submit(self: &Arc<Self>, request: JobRequest, origin: Origin) -> Result<JobView, Failure> {
         request.validate()?;
         let (scene, hash) = self.scene_of(&request).await?;
         self.check_assets(&scene).await?;
@@ -85,8 +130,13 @@ impl Service {
             began: None,
             ended: None,
             forecasts: Vec::new(),
+            curve: Vec::new(),
+            failures: Vec::new(),
+            request: origin.request,
+            once: origin.once,
         };
         let id = record.id;
+        tracing::info!(job = %id, name = record.name, "a job was submitted");
         let stored = self.store.write(Write::Job(Box::new(record.clone())));
         let spec = spec_of(&record);
         self.add_entry(record, Measure::default());
@@ -391,6 +441,8 @@ impl Service {
             wall_seconds,
             forecasts: record.forecasts,
             statistics: measure.statistics(status.retries),
+            workers_now: status.workers,
+            request: record.request,
         })
     }
 
@@ -460,6 +512,8 @@ impl Service {
             .map(|tile| (tile.key.tile, tile.record))
             .collect();
         let grid = record.grid();
+        let failures = record.failures.iter().filter(|failure| failure.frame == frame);
+        let failed: BTreeMap<u32, String> = failures.map(|failure| (failure.tile, failure.message.clone())).collect();
         let view = |tile| {
             let known = stored.get(&tile);
             let now = live.as_ref().and_then(|tiles| tiles.get(tile as usize));
@@ -472,6 +526,7 @@ impl Service {
                 worker: now.and_then(|now| now.worker).or(known.and_then(|known| known.worker)),
                 milliseconds: known.map_or(0.0, |known| known.work.cpu_seconds * 1e3),
                 samples: known.map_or(0, |known| known.work.samples),
+                message: failed.get(&tile).cloned(),
             })
         };
         Ok((0..grid.count()).filter_map(view).collect())
@@ -496,7 +551,7 @@ impl Service {
 }
 
 /// What a job is to have cost in the end.
-fn foreseen(record: &JobRecord, measure: &Measure) -> Option<measure::Cost> {
+pub(super) fn foreseen(record: &JobRecord, measure: &Measure) -> Option<measure::Cost> {
     let tiles = record.grid().count() as usize;
     measure.forecast(&record.rule, record.frames.numbers().len(), tiles, record.region.area() as f64)
 }

@@ -3,12 +3,16 @@
 //! This is where time comes in and where async begins. It decides nothing: what happens next is the farm's
 //! business, which samples come next is the plan's.
 
+mod convergence;
+mod failures;
 pub mod films;
 mod frames;
+mod history;
 pub mod images;
 mod jobs;
 mod measure;
 mod results;
+mod shipped;
 mod workers;
 
 use std::{
@@ -38,6 +42,8 @@ use crate::{
 };
 
 use films::FilmCache;
+use history::History;
+use images::Thumbnails;
 use measure::Measure;
 pub use results::Receipt;
 
@@ -57,6 +63,11 @@ pub struct Service {
     films: FilmCache,
     notices: broadcast::Sender<Arc<Notice>>,
     dirty: Mutex<Dirty>,
+    /// Held by a submission that may have been made before.
+    submitting: tokio::sync::Mutex<()>,
+    history: Mutex<History>,
+    thumbnails: Thumbnails,
+    next_request: AtomicU64,
     next_ask: AtomicU64,
     next_job: AtomicU64,
     epoch: u64,
@@ -149,6 +160,10 @@ impl Service {
             films,
             notices: broadcast::channel(NOTICES).0,
             dirty: Mutex::default(),
+            submitting: tokio::sync::Mutex::default(),
+            history: Mutex::default(),
+            thumbnails: Thumbnails::default(),
+            next_request: AtomicU64::new(1),
             next_ask: AtomicU64::new(1),
             next_job: AtomicU64::new(snapshot.next_job.max(1)),
             epoch: snapshot.epoch,
@@ -177,6 +192,7 @@ impl Service {
                 let Some(service) = ticking.upgrade() else { break };
                 service.apply(Event::Tick);
                 service.tell();
+                service.note_moment();
                 since_saved += 1;
                 if since_saved >= SAVE_WORKERS {
                     since_saved = 0;
@@ -254,6 +270,7 @@ impl Service {
                     Effect::TileFinished(key) => self.tile_finished(key),
                     Effect::FrameDone(job, _) => self.job_changed(job, &farm, true),
                     Effect::JobChanged(job) => self.job_changed(job, &farm, false),
+                    Effect::AttemptFailed(attempt) => self.note_failure(attempt),
                     Effect::WorkerChanged(worker) => {
                         lock(&self.dirty).workers.insert(worker);
                     }
@@ -302,6 +319,7 @@ impl Service {
                     batch: record.rule.batch(),
                 },
                 units: grant.units,
+                request: record.request.clone(),
             }
         };
         waiting.send(lease).err().map(|_| undelivered)
@@ -322,6 +340,7 @@ impl Service {
         let listened = self.notices.receiver_count() > 0;
         for &id in jobs.keys() {
             self.note_forecast(id);
+            self.note_point(id);
         }
         for (id, changed) in jobs.into_iter().filter(|_| listened) {
             if let Ok(view) = self.job_view(id) {
@@ -348,6 +367,12 @@ impl Service {
             Ok(data) => drop(self.notices.send(Arc::new(Notice { name, job, data }))),
             Err(error) => tracing::error!(%error, "a notice could not be written"),
         }
+    }
+
+    /// A name for a request that brought none: no two have the same, across restarts too.
+    #[must_use]
+    pub fn next_request(&self) -> String {
+        format!("r{}-{}", self.epoch, self.next_request.fetch_add(1, Ordering::Relaxed))
     }
 
     fn next_ask(&self) -> u64 {

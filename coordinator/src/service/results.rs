@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// The answer to a result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 pub struct Receipt {
     /// Whether it was the first valid one for its unit.
     pub counted: bool,
@@ -353,7 +353,7 @@ fn join(tile: Rect, parts: &[(Rect, Bytes)]) -> Option<(Film, Vec<UnitStatistics
 }
 
 /// The tile grown by the width of the ring, cut at the region's edge.
-fn grow(rect: Rect, region: Rect) -> Rect {
+pub(super) fn grow(rect: Rect, region: Rect) -> Rect {
     let (x, y) = (rect.x.saturating_sub(RING).max(region.x), rect.y.saturating_sub(RING).max(region.y));
     let right = (rect.x + rect.w + RING).min(region.x + region.w);
     let bottom = (rect.y + rect.h + RING).min(region.y + region.h);
@@ -443,7 +443,7 @@ mod tests {
                 "resolution": [24, 24], "tile": 8, "quality": {"target": "samples", "samples": 64}}"#,
         )
         .unwrap();
-        let job = service.submit(request).await.unwrap().id;
+        let job = service.submit(request, Default::default()).await.unwrap().id;
         let grid = common::tile::TileGrid::new(Rect::frame(24, 24), 8);
         let key = |tile| TileKey { job, frame: 1, tile };
         // All nine tiles stand at two passes, but for one that is a pass ahead and one that ended at one.

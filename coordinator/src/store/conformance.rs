@@ -40,6 +40,10 @@ fn job(id: u64) -> JobRecord {
         began: Some(1.5),
         ended: None,
         forecasts: Vec::new(),
+        curve: Vec::new(),
+        failures: Vec::new(),
+        request: None,
+        once: None,
     }
 }
 

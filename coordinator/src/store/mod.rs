@@ -20,7 +20,7 @@ use futures::future::BoxFuture;
 
 #[cfg(test)]
 pub use memory::MemoryStore;
-pub use record::{JobRecord, TileRecord, TileSummary, WorkRecord, WorkerRecord};
+pub use record::{JobRecord, Once, TileRecord, TileSummary, WorkRecord, WorkerRecord};
 pub use sqlite::SqliteStore;
 
 use crate::farm::TileKey;

@@ -6,7 +6,7 @@ use common::{
     hash::AssetHash,
     job::{Frames, JobId, JobState, Quality, WorkerId},
     method::Method,
-    protocol::{Forecast, JobStatistics, Register},
+    protocol::{ConvergencePoint, FailureView, Forecast, JobStatistics, Register},
     result::UnitStatistics,
     tile::{Rect, TileGrid},
 };
@@ -71,6 +71,27 @@ pub struct JobRecord {
     /// What was forecast of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub forecasts: Vec<Forecast>,
+    /// How its error fell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curve: Vec<ConvergencePoint>,
+    /// The last attempts at its units that came to nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failures: Vec<FailureView>,
+    /// Id of the request that submitted it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub request: Option<String>,
+    /// How it is known when it is submitted once more.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub once: Option<Once>,
+}
+
+/// Names a submission, so that one that is repeated makes no second job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Once {
+    /// The key that the client drew.
+    pub key: String,
+    /// Hash of the request.
+    pub request: AssetHash,
 }
 
 impl JobRecord {

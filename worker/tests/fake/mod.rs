@@ -262,6 +262,7 @@ pub fn lease_of(id: u64, scene: AssetHash, rects: &[Rect], samples: u32) -> Leas
             batch: 16,
         },
         units: rects.iter().enumerate().map(unit).collect(),
+        request: None,
     }
 }
 
