@@ -27,6 +27,20 @@ pub(crate) fn covering(n: usize) -> usize {
     n.next_multiple_of(GROUP).min(WIDTH)
 }
 
+/// Lanes `N` k to `N` (k + 1); `N` divides [`WIDTH`].
+#[inline(always)]
+pub(crate) fn block<T: Copy, const N: usize>(lane: &Lane<T>, k: usize) -> [T; N] {
+    let (blocks, _) = lane.as_chunks::<N>();
+    blocks[k % (WIDTH / N)]
+}
+
+/// The same to be written.
+#[inline(always)]
+pub(crate) fn block_mut<T, const N: usize>(lane: &mut Lane<T>, k: usize) -> &mut [T; N] {
+    let (blocks, _) = lane.as_chunks_mut::<N>();
+    &mut blocks[k % (WIDTH / N)]
+}
+
 /// A vector for each path.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
@@ -47,6 +61,12 @@ impl Lane3 {
     #[inline(always)]
     pub fn set(&mut self, i: usize, v: Vec3) {
         (self.x[i], self.y[i], self.z[i]) = (v.x, v.y, v.z);
+    }
+
+    /// Lanes `N` k to `N` (k + 1), coordinate by coordinate; `N` divides [`WIDTH`].
+    #[inline(always)]
+    pub fn block<const N: usize>(&self, k: usize) -> [[f32; N]; 3] {
+        [block(&self.x, k), block(&self.y, k), block(&self.z, k)]
     }
 
     /// Move a path to another lane.

@@ -14,12 +14,12 @@ use super::{
         traverse::{Items, Nearest, Traverse},
     },
     disk,
-    few::{self, Few, FewRays, Rays},
+    few::{self, Few, FewRays, Found, Rays},
     simd::{Portable, Proof},
     sphere, surface, textbook,
     triangle::{self, RayFrame},
 };
-use crate::lanes::{Flag, Lane, NO, WIDTH, YES};
+use crate::lanes::{Flag, Lane, NO, YES};
 
 /// How to build and how to ask.
 #[derive(Clone, Copy, Debug)]
@@ -73,6 +73,8 @@ pub struct Accel {
     proof: Proof,
     /// The world, where it holds so little that it needs no tree.
     few: Option<Few>,
+    /// And then of each primitive's number, its shape and its number there.
+    few_places: Vec<(u32, u32)>,
 }
 
 /// Shapes under one tree. Primitives are numbered through all of them.
@@ -145,7 +147,9 @@ impl Accel {
             .find_map(|i| Some((i, i.prove()?)))
             .unwrap_or((InstructionSet::Portable, Proof::Portable(Portable)));
         let few = (test == TriangleTest::Watertight && instances.is_empty()).then(|| world.few()).flatten();
-        Self { world, objects, instances, bounds, stats, test, instructions, proof, few }
+        let places = few.as_ref().map_or(0, |_| world.primitives());
+        let few_places = (0..places).map(|id| world.locate(id)).collect();
+        Self { world, objects, instances, bounds, stats, test, instructions, proof, few, few_places }
     }
 
     /// Whether [`Accel::closest_of`] and [`Accel::occluded_of`] serve this world: it holds few primitives.
@@ -154,31 +158,36 @@ impl Accel {
         self.few.is_some()
     }
 
-    /// The nearest hit of each active ray, as [`Accel::closest`] finds it; `false` where this is not served.
+    /// The nearest hit of each active ray, as [`Accel::closest`] finds it ([`Accel::found`] says which); `false` where
+    /// this is not served.
     pub(crate) fn closest_of(
         &self,
         work: &mut FewRays,
         rays: &Rays,
-        hits: &mut [Option<Hit>; WIDTH],
+        found: &mut Found,
         counters: &mut Counters,
     ) -> bool {
         let Some(few) = &self.few else { return false };
-        let mut nearest = [Nearest::none(0.0); WIDTH];
-        for (nearest, &t_max) in nearest.iter_mut().zip(rays.t_max).take(rays.n) {
-            *nearest = Nearest::none(t_max);
-        }
         counters.rays += rays.count();
-        work.closest(few, rays, &mut nearest, counters);
+        work.closest(few, rays, found, counters);
         for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
-            for &id in &few.others {
-                let open = Ray { t_max: nearest[i].t.next_up(), ..rays.at(i) };
+            for id in few.others(work, i) {
+                counters.primitive_tests += 1;
+                let open = Ray { t_max: found.t[i].next_up(), ..rays.at(i) };
                 if let Some(t) = self.world.other(id, &open) {
-                    nearest[i].offer(0, id, t, 0.0, 0.0);
+                    found.offer(i, id, t, 0.0, 0.0);
                 }
             }
-            hits[i] = nearest[i].found.then(|| self.hit(&nearest[i]));
         }
         true
+    }
+
+    /// The hit of lane `i` that [`Accel::closest_of`] found.
+    #[inline]
+    pub(crate) fn found(&self, found: &Found, i: usize) -> Option<Hit> {
+        let &(shape, primitive) = self.few_places.get(found.id[i] as usize)?;
+        let instance = Hit::NO_INSTANCE;
+        Some(Hit { t: found.t[i], instance, shape, primitive, b1: found.b1[i], b2: found.b2[i] })
     }
 
     /// Whether each active ray meets anything, as [`Accel::occluded`] finds; `false` where this is not served.
@@ -190,12 +199,12 @@ impl Accel {
         counters: &mut Counters,
     ) -> bool {
         let Some(few) = &self.few else { return false };
-        occluded[..rays.n].fill(NO);
         counters.rays += rays.count();
         work.occluded(few, rays, occluded, counters);
         for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
-            for &id in &few.others {
+            for id in few.others(work, i) {
                 if occluded[i] == NO {
+                    counters.primitive_tests += 1;
                     let open = Ray { t_max: rays.t_max[i].next_up(), ..rays.at(i) };
                     let t = self.world.other(id, &open);
                     occluded[i] = Flag::from(t.is_some_and(|t| t < rays.t_max[i]));
@@ -453,7 +462,9 @@ impl Group {
                     let corners = mesh.corners(k).filter(|&c| triangle::is_usable(c))?;
                     Some((first + k as u32, corners.map(|p| p.to_array())))
                 })),
-                _ => others.extend(shape.bounds().map(|_| first)),
+                &Shape::Sphere { center, radius } | &Shape::Disk { center, radius, .. } => {
+                    others.extend(shape.bounds().map(|_| (first, [center.x, center.y, center.z, radius])));
+                }
             }
         }
         Few::new(triangles, others)

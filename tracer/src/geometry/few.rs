@@ -1,24 +1,26 @@
 //! Scenes of a few primitives: many rays at once against every one, without a tree.
 //!
 //! Where there are no more triangles than a ray through a tree would test anyway, testing them all for a
-//! whole wave of rays is faster: rays are told apart by their largest axis, [`LANES`] of them are
-//! held against one triangle after the other in `f32`, and what that leaves is decided in `f64`, again side by side.
-//! The operations are those of [`super::triangle::RayFrame`], so hits have the bits that a tree would have found.
+//! whole wave of rays is faster. [`LANES`] rays at a time are held against one facet after the other ([`facet`]), in
+//! `f32` with a bound of the error: that tells which triangles may be hit before any that surely is. What
+//! is left, hardly more than one a ray, is decided in `f64`, again side by side. The operations of that are those of
+//! [`super::triangle::RayFrame`], so hits have the bits that a tree would have found.
 
-use super::{Counters, Ray, bvh::traverse::Nearest, bvh::traverse::WIDEN, offset::gamma};
+mod facet;
+
+use super::{Counters, Ray, bvh::traverse::WIDEN, offset::gamma};
 use crate::{
     lanes::{Flag, Lane, Lane3, NO, Proven, WIDTH, YES, covering, stage},
     math::{Vec3, select},
 };
+use facet::{Facet, Kept, Masks, Round};
 
 /// Most triangles that are tested without a tree.
 pub(super) const MOST_TRIANGLES: usize = 64;
 /// Most spheres and disks.
 pub(super) const MOST_OTHERS: usize = 8;
-/// Rays held against a triangle at once.
+/// Rays held against a facet at once.
 const LANES: usize = 16;
-/// Room for three groups of rays, each filled up to a multiple of [`LANES`].
-const ROOM: usize = WIDTH + 3 * LANES;
 /// Candidates decided at once.
 const CANDIDATES: usize = 64;
 
@@ -32,13 +34,18 @@ pub(super) struct Few {
     triangles: [Vec<Corners>; 3],
     /// Their numbers in the tree.
     ids: Vec<u32>,
-    /// Numbers of spheres and disks.
-    pub others: Vec<u32>,
+    /// Facets of two triangles and of one, each by the axis that their normal is nearest to.
+    facets: [[Vec<Facet>; 3]; 2],
+    /// The largest coordinate.
+    extent: f32,
+    /// Numbers of spheres and disks, and the spheres around them.
+    others: Vec<(u32, Round)>,
 }
 
 impl Few {
-    /// `None` for too many. `triangles` are those that can be hit, with their numbers.
-    pub fn new(triangles: Vec<(u32, [[f32; 3]; 3])>, others: Vec<u32>) -> Option<Self> {
+    /// `None` for too many. `triangles` are those that can be hit, with their numbers; `others` spheres and disks,
+    /// with a sphere that holds each: centre and radius.
+    pub fn new(triangles: Vec<(u32, [[f32; 3]; 3])>, others: Vec<(u32, [f32; 4])>) -> Option<Self> {
         if triangles.len() > MOST_TRIANGLES || others.len() > MOST_OTHERS {
             return None;
         }
@@ -47,11 +54,51 @@ impl Few {
             let corners = |t: &[[f32; 3]; 3]| std::array::from_fn(|i| t[i / 3][axes[i % 3]]);
             triangles.iter().map(|(_, t)| corners(t)).collect()
         };
+        let corners: Vec<[[f32; 3]; 3]> = triangles.iter().map(|(_, corners)| *corners).collect();
+        let extent = corners.as_flattened().as_flattened().iter().fold(0.0f32, |most, x| most.max(x.abs()));
         Some(Self {
             triangles: std::array::from_fn(permuted),
             ids: triangles.iter().map(|(id, _)| *id).collect(),
-            others,
+            facets: facet::of(&corners, extent),
+            extent,
+            others: others.into_iter().map(|(id, round)| (id, Round::new(round))).collect(),
         })
+    }
+
+    /// Spheres and disks that lane `i` may hit, by what [`FewRays::closest`] or [`FewRays::occluded`] has found.
+    pub fn others<'a>(&'a self, work: &FewRays, i: usize) -> impl Iterator<Item = u32> + use<'a> {
+        let mut bits = work.masks.others[i];
+        std::iter::from_fn(move || {
+            let (id, _) = self.others.get(bits.trailing_zeros() as usize)?;
+            bits &= bits - 1;
+            Some(*id)
+        })
+    }
+}
+
+/// No primitive.
+pub(super) const NOTHING: u32 = u32::MAX;
+
+/// The nearest hit of each ray.
+#[derive(Debug)]
+pub struct Found {
+    pub t: Lane<f32>,
+    /// Number of the primitive, or [`NOTHING`].
+    pub(super) id: Lane<u32>,
+    pub b1: Lane<f32>,
+    pub b2: Lane<f32>,
+}
+
+impl Found {
+    pub const NOTHING: Self = Self { t: [0.0; WIDTH], id: [NOTHING; WIDTH], b1: [0.0; WIDTH], b2: [0.0; WIDTH] };
+
+    /// As [`super::bvh::traverse::Nearest::offer`].
+    #[inline(always)]
+    pub(super) fn offer(&mut self, i: usize, id: u32, t: f32, b1: f32, b2: f32) {
+        // No hit has the greatest number.
+        if t < self.t[i] || t == self.t[i] && id < self.id[i] && self.id[i] != NOTHING {
+            (self.t[i], self.id[i], self.b1[i], self.b2[i]) = (t, id, b1, b2);
+        }
     }
 }
 
@@ -59,43 +106,21 @@ impl Few {
 #[derive(Debug)]
 pub struct FewRays {
     proven: Proven,
-    /// Rays by lane: permuted origin and direction, shear, reciprocal of the last, the last axis.
-    frame: Frames<WIDTH>,
+    /// Rays as `RayFrame` has them: permuted origin and direction, shear, and the last axis.
+    origin: [Lane<f32>; 3],
+    direction: [Lane<f32>; 3],
+    shear: [Lane<f32>; 2],
     axis: Lane<u32>,
-    /// The same, grouped by axis; and which lane each was.
-    grouped: Frames<ROOM>,
-    lane: [u32; ROOM],
-    /// One bit for each triangle that may be hit.
-    maybe: [[u32; ROOM]; 2],
-    /// Whether some triangle is surely hit.
-    sure: [Flag; ROOM],
+    kept: Box<Kept>,
+    masks: Masks,
     candidates: Candidates,
-}
-
-#[derive(Debug)]
-struct Frames<const N: usize> {
-    origin: [[f32; N]; 3],
-    direction: [[f32; N]; 3],
-    shear: [[f32; N]; 2],
-    reciprocal: [f32; N],
-    t_max: [f32; N],
-}
-
-impl<const N: usize> Frames<N> {
-    const EMPTY: Self = Self {
-        origin: [[0.0; N]; 3],
-        direction: [[0.0; N]; 3],
-        shear: [[0.0; N]; 2],
-        reciprocal: [0.0; N],
-        t_max: [0.0; N],
-    };
 }
 
 /// Pairs of a ray and a triangle.
 #[derive(Debug)]
 struct Candidates {
     n: usize,
-    /// Index of the ray among the grouped ones, and of the triangle.
+    /// Lane of the ray, and index of the triangle.
     ray: [u32; CANDIDATES],
     triangle: [u32; CANDIDATES],
     corners: [[f32; CANDIDATES]; 9],
@@ -112,12 +137,12 @@ impl FewRays {
     pub(crate) fn new(proven: Proven) -> Self {
         Self {
             proven,
-            frame: Frames::EMPTY,
+            origin: [[0.0; WIDTH]; 3],
+            direction: [[0.0; WIDTH]; 3],
+            shear: [[0.0; WIDTH]; 2],
             axis: [0; WIDTH],
-            grouped: Frames::EMPTY,
-            lane: [0; ROOM],
-            maybe: [[0; ROOM]; 2],
-            sure: [NO; ROOM],
+            kept: Box::new(Kept::NONE),
+            masks: Masks::NONE,
             candidates: Candidates {
                 n: 0,
                 ray: [0; CANDIDATES],
@@ -134,102 +159,58 @@ impl FewRays {
         }
     }
 
-    /// Rays of the first `n` lanes that are `active`, sorted by axis. Of each axis, where its rays begin, and
-    /// how many there are.
-    fn group(&mut self, few: &Few, rays: &Rays, counters: &mut Counters) -> [(usize, usize); 3] {
+    /// The nearest triangle of each active ray.
+    pub(super) fn closest(&mut self, few: &Few, rays: &Rays, found: &mut Found, counters: &mut Counters) {
+        counters.primitive_tests += rays.count() * few.ids.len() as u64;
         frames(self.proven, self, rays);
-        let mut counts = [0usize; 3];
-        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
-            if let Some(count) = counts.get_mut(self.axis[i] as usize) {
-                *count += 1;
-            }
-        }
-        let mut groups = [(0, 0); 3];
-        let mut next = 0;
-        for (group, count) in groups.iter_mut().zip(counts) {
-            *group = (next, 0);
-            next += count.next_multiple_of(LANES);
-        }
-        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
-            let Some((start, count)) = groups.get_mut(self.axis[i] as usize) else { continue };
-            let to = (*start + *count) % ROOM;
-            *count += 1;
-            let (frame, grouped) = (&self.frame, &mut self.grouped);
-            for k in 0..3 {
-                grouped.origin[k][to] = frame.origin[k][i];
-                grouped.direction[k][to] = frame.direction[k][i];
-            }
-            for k in 0..2 {
-                grouped.shear[k][to] = frame.shear[k][i];
-            }
-            grouped.reciprocal[to] = frame.reciprocal[i];
-            grouped.t_max[to] = rays.t_max[i];
-            self.lane[to] = i as u32;
-        }
-        let tested = counts.iter().sum::<usize>() * (few.ids.len() + few.others.len());
-        counters.primitive_tests += tested as u64;
-        groups
+        filter(self.proven, few, rays, &mut self.kept, &mut self.masks);
+        found.t[..rays.n].copy_from_slice(&rays.t_max[..rays.n]);
+        found.id[..rays.n].fill(NOTHING);
+        self.each_candidate(few, rays, |work, c| {
+            let (ray, triangle) = (work.candidates.ray[c] as usize, work.candidates.triangle[c] as usize);
+            let Candidates { t, b1, b2, .. } = &work.candidates;
+            found.offer(ray, few.ids[triangle], t[c], b1[c], b2[c]);
+        });
     }
 
-    /// The nearest triangle of each active ray, offered to `nearest`.
-    pub(super) fn closest(&mut self, few: &Few, rays: &Rays, nearest: &mut [Nearest; WIDTH], counters: &mut Counters) {
-        let groups = self.group(few, rays, counters);
-        for (axis, (start, count)) in groups.into_iter().enumerate() {
-            if count == 0 || few.ids.is_empty() {
-                continue;
-            }
-            filter(self.proven, self, &few.triangles[axis], start, count);
-            self.each_candidate(few, axis, start..start + count, |work, c| {
-                let (ray, triangle) = (work.candidates.ray[c] as usize, work.candidates.triangle[c] as usize);
-                let Candidates { t, b1, b2, .. } = &work.candidates;
-                nearest[work.lane[ray] as usize].offer(0, few.ids[triangle], t[c], b1[c], b2[c]);
-            });
-        }
-    }
-
-    /// Whether each active ray meets a triangle, added to `occluded`.
+    /// Whether each active ray meets a triangle.
     pub(super) fn occluded(&mut self, few: &Few, rays: &Rays, occluded: &mut Lane<Flag>, counters: &mut Counters) {
-        let groups = self.group(few, rays, counters);
-        for (axis, (start, count)) in groups.into_iter().enumerate() {
-            if count == 0 || few.ids.is_empty() {
-                continue;
-            }
-            filter_any(self.proven, self, &few.triangles[axis], start, count);
-            for i in start..start + count {
-                if self.sure[i] == YES {
-                    occluded[self.lane[i] as usize] = YES;
-                    (self.maybe[0][i], self.maybe[1][i]) = (0, 0);
-                }
-            }
-            self.each_candidate(few, axis, start..start + count, |work, c| {
-                let ray = work.candidates.ray[c] as usize;
-                if work.candidates.t[c] < work.grouped.t_max[ray] {
-                    occluded[work.lane[ray] as usize] = YES;
-                }
-            });
+        counters.primitive_tests += rays.count() * few.ids.len() as u64;
+        frames(self.proven, self, rays);
+        filter_any(self.proven, few, rays, &mut self.kept, &mut self.masks);
+        for i in 0..rays.n {
+            occluded[i] = self.masks.sure[i] & rays.active[i] & Flag::from(self.axis[i] != NOWHERE);
         }
+        self.each_candidate(few, rays, |work, c| {
+            let ray = work.candidates.ray[c] as usize;
+            if work.candidates.t[c] < rays.t_max[ray] {
+                occluded[ray] = YES;
+            }
+        });
     }
 
     /// Decide what the filter has left, and tell of each hit.
-    fn each_candidate(
-        &mut self,
-        few: &Few,
-        axis: usize,
-        rays: std::ops::Range<usize>,
-        mut hit: impl FnMut(&Self, usize),
-    ) {
-        for ray in rays {
-            let mut bits = u64::from(self.maybe[0][ray]) | u64::from(self.maybe[1][ray]) << 32;
+    #[inline(always)]
+    fn each_candidate(&mut self, few: &Few, rays: &Rays, mut hit: impl FnMut(&Self, usize)) {
+        for ray in 0..rays.n {
+            let axis = self.axis[ray] as usize;
+            if rays.active[ray] == NO || axis == NOWHERE as usize {
+                self.masks.others[ray] &= rays.active[ray].wrapping_neg();
+                continue;
+            }
+            let mut bits = u64::from(self.masks.triangles[0][ray]) | u64::from(self.masks.triangles[1][ray]) << 32;
             while bits != 0 {
                 let triangle = bits.trailing_zeros() as usize;
                 bits &= bits - 1;
-                self.candidates.add(&self.grouped, ray, &few.triangles[axis][triangle], triangle);
+                self.add(ray, &few.triangles[axis][triangle], triangle);
                 if self.candidates.n == CANDIDATES {
                     self.decide_all(&mut hit);
                 }
             }
         }
-        self.decide_all(&mut hit);
+        if self.candidates.n > 0 {
+            self.decide_all(&mut hit);
+        }
     }
 
     fn decide_all(&mut self, hit: &mut impl FnMut(&Self, usize)) {
@@ -241,24 +222,23 @@ impl FewRays {
         }
         self.candidates.n = 0;
     }
-}
 
-impl Candidates {
     #[inline(always)]
-    fn add(&mut self, rays: &Frames<ROOM>, ray: usize, corners: &Corners, triangle: usize) {
-        let n = self.n;
-        (self.ray[n], self.triangle[n]) = (ray as u32, triangle as u32);
-        for (to, from) in self.corners.iter_mut().zip(corners) {
+    fn add(&mut self, ray: usize, corners: &Corners, triangle: usize) {
+        let to = &mut self.candidates;
+        let n = to.n % CANDIDATES;
+        (to.ray[n], to.triangle[n]) = (ray as u32, triangle as u32);
+        for (to, from) in to.corners.iter_mut().zip(corners) {
             to[n] = *from;
         }
         for k in 0..3 {
-            self.origin[k][n] = rays.origin[k][ray];
-            self.direction[k][n] = rays.direction[k][ray];
+            to.origin[k][n] = self.origin[k][ray];
+            to.direction[k][n] = self.direction[k][ray];
         }
         for k in 0..2 {
-            self.shear[k][n] = rays.shear[k][ray];
+            to.shear[k][n] = self.shear[k][ray];
         }
-        self.n += 1;
+        to.n = n + 1;
     }
 }
 
@@ -291,7 +271,6 @@ const NOWHERE: u32 = 3;
 stage! {
     /// As `RayFrame::new`.
     fn frames(work: &mut FewRays, rays: &Rays) {
-        let (to, axis) = (&mut work.frame, &mut work.axis);
         let Rays { n, origin, direction, .. } = *rays;
         for i in 0..covering(n) {
             let flush = |x: f32| select(x.abs() < f32::MIN_POSITIVE, 0.0f32.copysign(x), x);
@@ -312,102 +291,28 @@ stage! {
             let (o, d) = (turned(o), turned(d));
             let can_hit = (sum == 0.0) & (d[2] != 0.0);
             for k in 0..3 {
-                to.origin[k][i] = o[k];
-                to.direction[k][i] = d[k];
+                work.origin[k][i] = o[k];
+                work.direction[k][i] = d[k];
             }
-            to.shear[0][i] = d[0] / d[2];
-            to.shear[1][i] = d[1] / d[2];
-            to.reciprocal[i] = 1.0 / d[2];
+            work.shear[0][i] = d[0] / d[2];
+            work.shear[1][i] = d[1] / d[2];
             let last = 2 - 2 * u32::from(x_last) - u32::from(y_last);
-            axis[i] = last * u32::from(can_hit) + NOWHERE * u32::from(!can_hit);
+            work.axis[i] = last * u32::from(can_hit) + NOWHERE * u32::from(!can_hit);
         }
-    }
-}
-
-#[inline(always)]
-fn least(a: f32, b: f32, c: f32) -> f32 {
-    let ab = select(a < b, a, b);
-    select(ab < c, ab, c)
-}
-
-#[inline(always)]
-fn most(a: f32, b: f32, c: f32) -> f32 {
-    let ab = select(a > b, a, b);
-    select(ab > c, ab, c)
-}
-
-stage! {
-    /// What [`held`] leaves of `count` grouped rays from `start` on.
-    fn filter(work: &mut FewRays, triangles: &[Corners], start: usize, count: usize) {
-        held::<false>(work, triangles, start, count);
     }
 }
 
 stage! {
-    /// The same, and which rays surely meet something.
-    fn filter_any(work: &mut FewRays, triangles: &[Corners], start: usize, count: usize) {
-        held::<true>(work, triangles, start, count);
+    /// Of each ray, what may be its nearest hit.
+    fn filter(few: &Few, rays: &Rays, kept: &mut Kept, masks: &mut Masks) {
+        facet::held::<false>(few, rays, kept, masks);
     }
 }
 
-/// As `WideFrame::candidates`: the triangles that rays may hit, of `count` grouped rays from `start` on. With
-/// `ANY`, also whether a ray surely hits one before its end.
-// Loops over lanes of many arrays at once.
-#[allow(clippy::needless_range_loop)]
-#[inline(always)]
-fn held<const ANY: bool>(work: &mut FewRays, triangles: &[Corners], start: usize, count: usize) {
-    for block in (start..start + count).step_by(LANES) {
-        let mut rays = [[0.0f32; LANES]; 7];
-        for l in 0..LANES {
-            let i = (block + l) % ROOM;
-            let Frames { origin, shear, reciprocal, t_max, .. } = &work.grouped;
-            rays[0][l] = origin[0][i];
-            rays[1][l] = origin[1][i];
-            rays[2][l] = origin[2][i];
-            rays[3][l] = shear[0][i];
-            rays[4][l] = shear[1][i];
-            rays[5][l] = reciprocal[i];
-            rays[6][l] = t_max[i] * (1.0 + WIDEN);
-        }
-        let [ox, oy, oz, sx, sy, rz, t_far] = rays;
-        let mut maybe = [[0u32; LANES]; 2];
-        let mut sure = [NO; LANES];
-        for (half, triangles) in triangles.chunks(32).enumerate().take(2) {
-            let mut found = [0u32; LANES];
-            for (j, c) in triangles.iter().enumerate() {
-                for l in 0..LANES {
-                    let z = [c[2] - oz[l], c[5] - oz[l], c[8] - oz[l]];
-                    let x =
-                        [(c[0] - ox[l]) - sx[l] * z[0], (c[3] - ox[l]) - sx[l] * z[1], (c[6] - ox[l]) - sx[l] * z[2]];
-                    let y =
-                        [(c[1] - oy[l]) - sy[l] * z[0], (c[4] - oy[l]) - sy[l] * z[1], (c[7] - oy[l]) - sy[l] * z[2]];
-                    let e0 = x[1] * y[2] - y[1] * x[2];
-                    let e1 = x[2] * y[0] - y[2] * x[0];
-                    let e2 = x[0] * y[1] - y[0] * x[1];
-                    let (lo, hi) = (least(e0, e1, e2), most(e0, e1, e2));
-                    let t = [z[0] * rz[l], z[1] * rz[l], z[2] * rz[l]];
-                    let t_hi = most(t[0], t[1], t[2]);
-                    // Rejected only by what is certain: a NaN is kept to be decided. Rays that look for the nearest
-                    // hit mostly have no end, and what lies beyond it is not taken anyway.
-                    let mut out = (lo < 0.0) & (0.0 < hi) | (t_hi < 0.0);
-                    if ANY {
-                        let t_lo = least(t[0], t[1], t[2]);
-                        out |= t_far[l] < t_lo;
-                        let inside = (0.0 < lo) & (hi < 1e30) | (hi < 0.0) & (-1e30 < lo);
-                        let near = t_far[l] * (1.0 - 64.0 * f32::EPSILON);
-                        sure[l] |= Flag::from(!out & inside & (1e-30 < t_lo) & (t_hi < near));
-                    }
-                    found[l] |= u32::from(!out) << j;
-                }
-            }
-            maybe[half] = found;
-        }
-        for l in 0..LANES {
-            let i = (block + l) % ROOM;
-            work.maybe[0][i] = maybe[0][l];
-            work.maybe[1][i] = maybe[1][l];
-            work.sure[i] = sure[l];
-        }
+stage! {
+    /// Of each ray, what it may hit; and whether it surely hits something.
+    fn filter_any(few: &Few, rays: &Rays, kept: &mut Kept, masks: &mut Masks) {
+        facet::held::<true>(few, rays, kept, masks);
     }
 }
 

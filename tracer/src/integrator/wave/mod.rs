@@ -119,7 +119,6 @@ impl Integrator<'_> {
     /// on anything but triangles are returned, by lane.
     fn wave_trace(&self, wave: &mut Wave, depth: u32, counters: &mut Counters) -> Others {
         let mut others = Others { n: 0, lanes: [0; WIDTH], points: [Others::NOWHERE; WIDTH] };
-        let mut hits = [None; WIDTH];
         let accel = self.scene.accel();
         let rays = Rays {
             n: wave.n,
@@ -128,17 +127,14 @@ impl Integrator<'_> {
             direction: &wave.direction,
             t_max: &wave.t_max,
         };
-        if !accel.closest_of(&mut wave.few, &rays, &mut hits, counters) {
-            for (i, hit) in hits.iter_mut().enumerate().take(rays.n).filter(|&(i, _)| rays.active[i] == YES) {
-                *hit = accel.closest(&rays.at(i), counters);
-            }
-        }
+        let small = accel.closest_of(&mut wave.few, &rays, &mut wave.found, counters);
         let mut kept = 0;
-        for (i, hit) in hits.into_iter().enumerate().take(wave.n) {
+        for i in 0..wave.n {
             if wave.alive[i] == NO {
                 continue;
             }
             let ray = wave.ray(i);
+            let hit = if small { accel.found(&wave.found, i) } else { accel.closest(&ray, counters) };
             let Some(hit) = hit else {
                 if self.counts(depth) && self.scene.facts().environment {
                     let wi = ray.direction.normalize();

@@ -2,7 +2,7 @@
 
 use super::{Traced, stages};
 use crate::{
-    geometry::{FewRays, Ray},
+    geometry::{FewRays, Found, Ray},
     integrator::{Arrival, Sample},
     lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES},
     light::{LightSample, Reference},
@@ -90,6 +90,7 @@ pub struct Wave {
     pub(super) shadow_t_max: Lane<f32>,
     pub(super) occluded: Lane<Flag>,
     pub(super) few: FewRays,
+    pub(super) found: Found,
     pub(super) traced: [Traced; WIDTH],
 }
 
@@ -155,6 +156,7 @@ impl Wave {
             shadow_t_max: zero,
             occluded: [NO; WIDTH],
             few: FewRays::new(proven),
+            found: Found::NOTHING,
             traced: [Traced::NOTHING; WIDTH],
         }))
     }

@@ -156,7 +156,7 @@ fn instructions_do_not_show() {
 
 #[test]
 fn a_world_of_few_primitives_is_traced_as_by_its_tree() {
-    use crate::geometry::{Accel, FewRays, Rays, Shape, TriangleMesh, TriangleTest, World};
+    use crate::geometry::{Accel, FewRays, Found, Rays, Shape, TriangleMesh, TriangleTest, World};
     use crate::lanes::{Lane3, Proven, YES};
     use crate::math::{cosine_hemisphere, uniform_sphere};
 
@@ -211,17 +211,17 @@ fn a_world_of_few_primitives_is_traced_as_by_its_tree() {
             }
             let n = if round % 2 == 0 { WIDTH } else { 37 };
             let rays = Rays { n, active: &rays.3, origin: &rays.0, direction: &rays.1, t_max: &rays.2 };
-            let (mut found, mut occluded) = ([None; WIDTH], [NO; WIDTH]);
+            let (mut found, mut occluded) = (Found::NOTHING, [NO; WIDTH]);
             let mut counters = Counters::default();
             assert!(accel.closest_of(&mut work, &rays, &mut found, &mut counters));
             assert!(accel.occluded_of(&mut work, &rays, &mut occluded, &mut counters));
             for i in 0..n {
                 if rays.active[i] == NO {
-                    assert_eq!((found[i], occluded[i]), (None, NO), "nobody asked");
+                    assert_eq!((accel.found(&found, i), occluded[i]), (None, NO), "nobody asked");
                     continue;
                 }
                 let expected = accel.closest(&rays.at(i), &mut counters);
-                assert_eq!(found[i], expected, "{compiled:?} {:?}", rays.at(i));
+                assert_eq!(accel.found(&found, i), expected, "{compiled:?} {:?}", rays.at(i));
                 assert_eq!(occluded[i] == YES, accel.occluded(&rays.at(i), &mut counters), "{:?}", rays.at(i));
                 hits += usize::from(expected.is_some());
                 misses += usize::from(expected.is_none());
