@@ -118,6 +118,23 @@ impl Camera {
         CameraRay { origin: origin + direction * self.near, direction, t_max: self.range }
     }
 
+    /// Whether [`Camera::plain_ray`] serves: a pinhole, and pixels that weigh all of their area alike.
+    #[must_use]
+    pub fn is_plain(&self) -> bool {
+        self.filter == Filter::Box && !self.orthographic && !self.has_lens()
+    }
+
+    /// [`Camera::ray`] where [`Camera::is_plain`]. Without branches, so that loops over it become vector code.
+    #[inline(always)]
+    #[must_use]
+    pub fn plain_ray(&self, x: f32, y: f32, u_film: Vec2) -> CameraRay {
+        let offset = u_film - Vec2::splat(0.5);
+        let (px, py) = (x + 0.5 + offset.x, y + 0.5 + offset.y);
+        let across = self.right * (px * self.pixel.x - 1.0) + self.up * (1.0 - py * self.pixel.y);
+        let direction = self.forward + across;
+        CameraRay { origin: self.eye + direction * self.near, direction, t_max: self.range }
+    }
+
     /// Depth of `p` along the view axis.
     #[inline]
     #[must_use]

@@ -6,7 +6,7 @@
 
 use crate::math::Vec3;
 
-/// Paths in a wave.
+/// Paths side by side.
 pub const WIDTH: usize = 64;
 /// Stages run over whole groups of this many lanes; those beyond the last path hold stale numbers, which
 /// nobody reads.
@@ -20,6 +20,31 @@ pub(crate) type Lane<T> = [T; WIDTH];
 pub(crate) type Flag = u32;
 pub(crate) const NO: Flag = 0;
 pub(crate) const YES: Flag = 1;
+
+/// A bit for each lane whose flag is [`YES`].
+#[inline(always)]
+pub(crate) fn mask_of(flags: &Lane<Flag>) -> u64 {
+    let (groups, _) = flags.as_chunks::<GROUP>();
+    let mut mask = 0;
+    for (k, group) in groups.iter().enumerate() {
+        let mut bits = 0;
+        for (l, flag) in group.iter().enumerate() {
+            bits |= flag << l;
+        }
+        mask |= u64::from(bits) << (k * GROUP);
+    }
+    mask
+}
+
+/// The lanes whose bits are set, in order.
+#[inline(always)]
+pub(crate) fn lanes_of(mut mask: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = mask.trailing_zeros() as usize;
+        mask &= mask.wrapping_sub(1);
+        (lane < WIDTH).then_some(lane)
+    })
+}
 
 /// How many lanes a stage runs over to cover `n` paths.
 #[inline(always)]
@@ -67,12 +92,6 @@ impl Lane3 {
     #[inline(always)]
     pub fn block<const N: usize>(&self, k: usize) -> [[f32; N]; 3] {
         [block(&self.x, k), block(&self.y, k), block(&self.z, k)]
-    }
-
-    /// Move a path to another lane.
-    #[inline(always)]
-    pub fn shift(&mut self, from: usize, to: usize) {
-        (self.x[to], self.y[to], self.z[to]) = (self.x[from], self.y[from], self.z[from]);
     }
 }
 

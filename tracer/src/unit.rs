@@ -6,6 +6,8 @@ mod replay;
 #[cfg(test)]
 mod tests;
 
+use std::cell::Cell;
+
 use common::{
     film::{Features, Moments},
     job::FieldError,
@@ -19,7 +21,7 @@ use common::{
 use crate::{
     Assets,
     geometry::Counters,
-    integrator::{Integrator, WIDTH, Wave},
+    integrator::{Integrator, REQUESTS, Wave},
     math::Rgb,
     sampler::Sampler,
     scene::{Draft, Facts, Scene},
@@ -99,13 +101,31 @@ impl Prepared {
         }
         let requests: Vec<[u32; 3]> = all.collect();
         let mut wave = Wave::new();
-        for requests in requests.chunks(WIDTH) {
-            integrator.wave(&mut wave, &sampler, requests, &mut counters);
+        for requests in requests.chunks(REQUESTS) {
+            integrator.wave(&mut wave, &sampler, requests, false, &mut counters);
             for (i, &[x, _, number]) in requests.iter().enumerate() {
                 visit(x, number, wave.traced(i).sample.radiance);
             }
         }
     }
+}
+
+/// What a thread needs to render rows in waves, kept from row to row.
+struct Workspace {
+    wave: Box<Wave>,
+    requests: Vec<[u32; 3]>,
+    /// Of each request, how many samples its batch has, if it is the batch's first.
+    begins: Vec<u32>,
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self { wave: Wave::new(), requests: Vec::with_capacity(REQUESTS), begins: Vec::with_capacity(REQUESTS) }
+    }
+}
+
+thread_local! {
+    static WORKSPACE: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
 }
 
 fn sampler(settings: &RenderSettings) -> Sampler {
@@ -211,42 +231,41 @@ impl<'a> UnitRender<'a> {
         (0..rect.w).map(render).collect()
     }
 
-    /// The row's samples, in order, as many at once as a wave holds.
+    /// The row's samples, in order, many at once.
     fn in_waves(&self, row: u32, counters: &mut Counters) -> Vec<Pixel> {
         let rect = self.unit.id.rect;
         let mut pixels: Vec<Pixel> = (0..rect.w).map(|_| Pixel::new(self.unit.features)).collect();
-        let mut wave = Wave::new();
-        let mut requests: Vec<[u32; 3]> = Vec::with_capacity(WIDTH);
-        // Of each request, how many samples its batch has, if it is the batch's first.
-        let mut begins: Vec<u32> = Vec::with_capacity(WIDTH);
-        let mut flush = |requests: &mut Vec<[u32; 3]>, begins: &mut Vec<u32>| {
-            self.integrator.wave(&mut wave, &self.sampler, requests, counters);
-            for (i, (&[x, _, sample], &size)) in requests.iter().zip(begins.iter()).enumerate() {
-                let pixel = &mut pixels[(x - rect.x) as usize];
-                if size > 0 {
-                    pixel.begin(size);
-                }
-                pixel.take_traced(sample, wave.traced(i));
-            }
-            requests.clear();
-            begins.clear();
-        };
+        // Room to work in is made once a thread.
+        let mut work = WORKSPACE.take().unwrap_or_default();
         for column in 0..rect.w {
             let (first, samples) = self.range(row, column);
             for (next, size) in pixel::batches(&self.sampler, first, samples) {
                 for sample in next..next + size {
-                    requests.push([rect.x + column, rect.y + row, sample]);
-                    begins.push(if sample == next { size } else { 0 });
-                    if requests.len() == WIDTH {
-                        flush(&mut requests, &mut begins);
+                    work.requests.push([rect.x + column, rect.y + row, sample]);
+                    work.begins.push(if sample == next { size } else { 0 });
+                    if work.requests.len() == REQUESTS {
+                        self.flush(&mut work, &mut pixels, counters);
                     }
                 }
             }
         }
-        if !requests.is_empty() {
-            flush(&mut requests, &mut begins);
-        }
+        self.flush(&mut work, &mut pixels, counters);
+        WORKSPACE.set(Some(work));
         pixels
+    }
+
+    /// Render what is asked for, and give it to its pixels.
+    fn flush(&self, work: &mut Workspace, pixels: &mut [Pixel], counters: &mut Counters) {
+        self.integrator.wave(&mut work.wave, &self.sampler, &work.requests, self.unit.features, counters);
+        for (i, (&[x, _, sample], &size)) in work.requests.iter().zip(&work.begins).enumerate() {
+            let pixel = &mut pixels[(x - self.unit.id.rect.x) as usize];
+            if size > 0 {
+                pixel.begin(size);
+            }
+            pixel.take_traced(sample, &work.wave.traced(i));
+        }
+        work.requests.clear();
+        work.begins.clear();
     }
 
     /// Put rows, in order, together into the unit's result.

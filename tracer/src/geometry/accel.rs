@@ -185,9 +185,14 @@ impl Accel {
     /// The hit of lane `i` that [`Accel::closest_of`] found.
     #[inline]
     pub(crate) fn found(&self, found: &Found, i: usize) -> Option<Hit> {
-        let &(shape, primitive) = self.few_places.get(found.id[i] as usize)?;
+        let &(shape, primitive) = self.few_places.get(found.primitive(i)?)?;
         let instance = Hit::NO_INSTANCE;
         Some(Hit { t: found.t[i], instance, shape, primitive, b1: found.b1[i], b2: found.b2[i] })
+    }
+
+    /// Where [`Accel::is_small`], shape and primitive of each primitive's number.
+    pub(crate) fn places(&self) -> &[(u32, u32)] {
+        &self.few_places
     }
 
     /// Whether each active ray meets anything, as [`Accel::occluded`] finds; `false` where this is not served.

@@ -92,6 +92,12 @@ pub struct Found {
 impl Found {
     pub const NOTHING: Self = Self { t: [0.0; WIDTH], id: [NOTHING; WIDTH], b1: [0.0; WIDTH], b2: [0.0; WIDTH] };
 
+    /// Number of the primitive that lane `i` hit.
+    #[inline(always)]
+    pub fn primitive(&self, i: usize) -> Option<usize> {
+        (self.id[i] != NOTHING).then_some(self.id[i] as usize)
+    }
+
     /// As [`super::bvh::traverse::Nearest::offer`].
     #[inline(always)]
     pub(super) fn offer(&mut self, i: usize, id: u32, t: f32, b1: f32, b2: f32) {

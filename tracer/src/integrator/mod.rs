@@ -26,7 +26,7 @@ use common::method::{Direct, Method, Only, Roulette};
 use crate::{
     bsdf::Bsdf,
     geometry::{Counters, Hit, Ray, spawn},
-    light::Reference,
+    light::{Lamp, Reference},
     math::{Frame, Rgb, Vec2, Vec3, select},
     sampler::Stream,
     scene::{NO_EMITTER, Point, Scene},
@@ -34,7 +34,7 @@ use crate::{
 
 pub use probe::{End, Probe, Vertex};
 pub use roulette::survival;
-pub use wave::{Compiled, FirstHit, Traced, WIDTH, Wave};
+pub use wave::{Compiled, FirstHit, REQUESTS, Traced, WIDTH, Wave};
 
 /// What one sample found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +59,8 @@ pub struct Integrator<'a> {
     /// Whether the choice of a light or of a primitive needs a number.
     choice: bool,
     kernel: Kernel,
+    /// The only light there is, where it is a rectangle.
+    lamp: Option<Lamp>,
 }
 
 /// How direct light is estimated; [`Direct`] with `auto` decided.
@@ -147,6 +149,7 @@ impl<'a> Integrator<'a> {
             roulette: method.roulette,
             choice: !facts.one_emitter,
             kernel: if facts.attributes() || facts.opacity { Kernel::Full } else { Kernel::Plain },
+            lamp: scene.lights().lone_rectangle(),
         }
     }
 

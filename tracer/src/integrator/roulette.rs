@@ -5,7 +5,7 @@ use common::method::{FIXED_ROULETTE_SURVIVAL, Roulette};
 use crate::math::Rgb;
 
 /// Scatterings before throughput is looked at: the first bounces carry most of the light.
-const FIRST: u32 = 3;
+pub(super) const FIRST: u32 = 3;
 
 /// Probability of going on after `depth` scatterings with this throughput (times eta^2); `None`: for certain.
 ///

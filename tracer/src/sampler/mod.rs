@@ -71,7 +71,7 @@ impl Sampler {
         Stream { kind: self.kind, key, index, batch: self.batch, strata: self.strata }
     }
 
-    /// Whether its pairs are those of [`default_two`].
+    /// Whether its numbers are those of [`default_one`] and [`default_two`].
     #[must_use]
     pub fn is_default(&self) -> bool {
         self.kind == method::Sampler::Sobol && self.batch == permute::TABLED
@@ -85,6 +85,14 @@ impl Sampler {
 pub fn default_two(key: u64, index: u32, dimension: u32) -> Vec2 {
     let seed = hash::dimension(key, dimension);
     sobol::two(permute::permute16(index, seed as u32), seed)
+}
+
+/// [`Stream::one`] of the same stream.
+#[inline(always)]
+#[must_use]
+pub fn default_one(key: u64, index: u32, dimension: u32) -> f32 {
+    let seed = hash::dimension(key, dimension);
+    sobol::one(permute::permute16(index, seed as u32), seed)
 }
 
 impl Stream {

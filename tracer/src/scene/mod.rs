@@ -8,6 +8,7 @@
 mod compile;
 mod facts;
 mod mesh;
+mod record;
 mod surface;
 mod values;
 
@@ -22,6 +23,7 @@ use crate::{
 };
 
 pub use facts::Facts;
+pub use record::Record;
 use surface::Surface;
 pub use surface::{NO_EMITTER, Point};
 
@@ -39,6 +41,8 @@ pub struct Draft {
 pub struct Scene {
     accel: Accel,
     parts: Parts,
+    /// Where the world needs no tree, its primitives.
+    records: Vec<Record>,
 }
 
 /// All of a scene but where its surfaces are.
@@ -90,7 +94,9 @@ impl Draft {
     /// Build the acceleration structure.
     #[must_use]
     pub fn build(self) -> Scene {
-        Scene { accel: Accel::build_with(self.world, self.options), parts: self.scene }
+        let (accel, parts) = (Accel::build_with(self.world, self.options), self.scene);
+        let records = record::of(&accel, &parts);
+        Scene { accel, parts, records }
     }
 }
 
@@ -162,19 +168,18 @@ impl Scene {
         &self.parts.materials[index as usize]
     }
 
-    /// What is the same all over the material with this number.
+    /// Where the world needs no tree, the primitive with this number.
     #[inline]
     #[must_use]
-    pub fn flat(&self, material: u32) -> &Flat {
-        &self.parts.flats[material as usize]
+    pub fn record(&self, primitive: usize) -> &Record {
+        &self.records[primitive]
     }
 
-    /// Material and emitter of a hit that is on no instance.
+    /// The same of any hit that is on no instance, with the corners of the triangle that was hit.
     #[inline]
     #[must_use]
-    pub fn surface_of(&self, hit: &Hit) -> (u32, u32) {
-        let surface = &self.parts.surfaces[hit.shape as usize];
-        (surface.material, surface.emitter(hit.primitive))
+    pub fn record_of(&self, hit: &Hit, corners: Option<[Vec3; 3]>) -> Record {
+        Record::new(&self.parts, hit.shape, hit.primitive, corners)
     }
 
     /// Everything that shading needs of a hit. `ATTRIBUTES` false: the scene has no shading normals,

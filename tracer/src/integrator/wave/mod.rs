@@ -1,5 +1,6 @@
 //! Many paths at once, a stage at a time: all rays are traced, then all hits shaded, then all lights
-//! sampled, and so on, vertex by vertex.
+//! sampled, and so on, vertex by vertex. A lane whose path has ended takes up the next request, so that nearly all
+//! lanes have work until requests run out.
 //!
 //! What [`super::Integrator::path`] does for one path is done here for [`WIDTH`] of them, with the same
 //! operations in the same order, so every sample has the same bits. Stages that are the same for all
@@ -15,17 +16,19 @@ mod tests;
 pub use crate::lanes::{Compiled, WIDTH};
 pub use state::Wave;
 
-use crate::lanes::{Flag, Lane, NO, YES};
+use common::method::Roulette;
+
+use crate::lanes::{Flag, Lane, NO, YES, lanes_of, mask_of};
 use state::{Came, Scatters};
 
-use super::{Integrator, Kernel, Sample, Strategy, dimension, power_heuristic};
+use super::{Integrator, Kernel, Sample, Strategy, dimension, power_heuristic, roulette::FIRST};
 use crate::{
-    geometry::{Counters, Hit, Ray, Rays, SurfacePoint, spawn},
+    geometry::{Counters, Rays, SurfacePoint, spawn},
     light::{Reference, Stratum},
     material::Material,
     math::{Rgb, Vec2, Vec3},
     sampler::Sampler,
-    scene::{NO_EMITTER, Point},
+    scene::Point,
 };
 
 /// A sample, with the features of its first hit.
@@ -48,9 +51,8 @@ pub struct FirstHit {
     pub camera_depth: f32,
 }
 
-impl Traced {
-    const NOTHING: Self = Self { sample: Sample { radiance: Rgb::ZERO, known: false }, first: None };
-}
+/// As many requests at once keep nearly all lanes busy to the end, and what comes of them in the nearest cache.
+pub const REQUESTS: usize = 2048;
 
 impl Integrator<'_> {
     /// Whether [`Integrator::wave`] renders this scene and method.
@@ -62,62 +64,95 @@ impl Integrator<'_> {
             && self.scene.lights().has_one_sample()
     }
 
-    /// Samples `requests`, each (column, row, sample), at most [`WIDTH`] of them: the same as
-    /// [`Integrator::sample`] for each. Asks for [`Integrator::has_wave`].
-    pub fn wave(&self, wave: &mut Wave, sampler: &Sampler, requests: &[[u32; 3]], counters: &mut Counters) {
-        let requests = &requests[..requests.len().min(WIDTH)];
-        self.wave_camera(wave, sampler, requests);
-        let mut depth = 0;
+    /// Samples `requests`, each (column, row, sample): the same as [`Integrator::sample`] for each, found by
+    /// [`Wave::traced`]. With `features`, so are first hits. Asks for [`Integrator::has_wave`].
+    pub fn wave(
+        &self,
+        wave: &mut Wave,
+        sampler: &Sampler,
+        requests: &[[u32; 3]],
+        features: bool,
+        counters: &mut Counters,
+    ) {
+        wave.begin(requests.len(), features);
+        let mut next = 0;
         loop {
-            let others = self.wave_trace(wave, depth, counters);
-            if wave.n == 0 {
+            next = self.wave_camera(wave, sampler, requests, next);
+            if wave.active() == 0 {
                 return;
             }
+            let others = self.wave_trace(wave, counters);
             self.wave_surface(wave, others);
-            self.wave_found(wave, depth);
-            if depth == 0 {
+            self.wave_found(wave);
+            if features {
                 self.wave_features(wave);
             }
-            if depth >= self.max_depth {
-                (0..wave.n).for_each(|i| wave.end(i, depth == 0));
-                return;
+            for i in lanes_of(wave.active()) {
+                if wave.depth[i] >= self.max_depth {
+                    wave.end(i, wave.depth[i] == 0);
+                }
             }
-            if self.counts(depth + 1) && !self.scene.lights().is_dark() {
-                self.wave_direct(wave, sampler, depth, counters);
+            if !self.scene.lights().is_dark() {
+                self.wave_direct(wave, sampler, counters);
             }
-            if !self.wave_scatter(wave, sampler, depth) {
-                return;
-            }
-            depth += 1;
+            self.wave_scatter(wave, sampler);
         }
     }
 
-    fn wave_camera(&self, wave: &mut Wave, sampler: &Sampler, requests: &[[u32; 3]]) {
-        let camera = self.scene.camera();
-        wave.n = requests.len();
+    /// Give idle lanes to the requests from `next` on. The first request that found none.
+    fn wave_camera(&self, wave: &mut Wave, sampler: &Sampler, requests: &[[u32; 3]], next: usize) -> usize {
+        let n = (wave.idle.count_ones() as usize).min(requests.len() - next);
+        if n == 0 {
+            return next;
+        }
+        let requests = &requests[next..next + n];
+        // Samples of a batch share a key.
+        let mut before: Option<([u32; 3], u64, u32)> = None;
         for (i, &[x, y, sample]) in requests.iter().enumerate() {
-            wave.slot[i] = i as u32;
-            (wave.key[i], wave.index[i]) = sampler.stream(x, y, sample).parts();
+            let follows = |&([px, py, previous], _, index): &([u32; 3], u64, u32)| {
+                [px, py, previous + 1] == [x, y, sample] && index + 1 < sampler.batch()
+            };
+            let (key, index) = match before.filter(follows) {
+                Some((_, key, index)) => (key, index + 1),
+                None => sampler.stream(x, y, sample).parts(),
+            };
+            before = Some(([x, y, sample], key, index));
+            let fresh = &mut wave.fresh;
+            (fresh.x[i], fresh.y[i], fresh.key[i], fresh.index[i]) = (x as f32, y as f32, key, index);
+        }
+        let camera = self.scene.camera();
+        if camera.is_plain() && sampler.is_default() {
+            stages::camera_rays(wave.proven, &mut wave.fresh, n, camera);
+        } else {
+            for (i, &[x, y, _]) in requests.iter().enumerate() {
+                let stream = sampler.resume(wave.fresh.key[i], wave.fresh.index[i]);
+                let u_lens = if camera.has_lens() { stream.two(dimension::LENS) } else { Vec2::ZERO };
+                let ray = camera.ray(x, y, stream.two(dimension::FILM), u_lens);
+                wave.fresh.origin.set(i, ray.origin);
+                wave.fresh.direction.set(i, ray.direction);
+                wave.fresh.t_max[i] = ray.t_max;
+            }
+        }
+        for (from, i) in lanes_of(wave.idle).take(n).enumerate() {
+            wave.idle &= !(1 << i);
             wave.alive[i] = YES;
+            wave.slot[i] = (next + from) as u32;
+            (wave.key[i], wave.index[i]) = (wave.fresh.key[from], wave.fresh.index[from]);
+            wave.origin.set(i, wave.fresh.origin.at(from));
+            wave.direction.set(i, wave.fresh.direction.at(from));
+            wave.t_max[i] = wave.fresh.t_max[from];
             wave.radiance.set(i, Rgb::ZERO);
             wave.throughput.set(i, Rgb::ONE);
             wave.eta2[i] = 1.0;
             wave.came[i] = Came::Only;
-            wave.traced[i] = Traced::NOTHING;
+            wave.depth[i] = 0;
         }
-        wave.draw_two(sampler, dimension::FILM);
-        for (i, &[x, y, _]) in requests.iter().enumerate() {
-            let u_lens = if camera.has_lens() { wave.stream(sampler, i).two(dimension::LENS) } else { Vec2::ZERO };
-            let ray = camera.ray(x, y, Vec2::new(wave.u[0][i], wave.u[1][i]), u_lens);
-            wave.origin.set(i, ray.origin);
-            wave.direction.set(i, ray.direction);
-            wave.t_max[i] = ray.t_max;
-        }
+        next + n
     }
 
-    /// Trace the rays of those alive, which move to the first lanes; those that leave the scene end. Points
-    /// on anything but triangles are returned, by lane.
-    fn wave_trace(&self, wave: &mut Wave, depth: u32, counters: &mut Counters) -> Others {
+    /// Trace the rays of all paths; those that leave the scene end. Points on anything but triangles are
+    /// returned, by lane.
+    fn wave_trace(&self, wave: &mut Wave, counters: &mut Counters) -> Others {
         let mut others = Others { n: 0, lanes: [0; WIDTH], points: [Others::NOWHERE; WIDTH] };
         let accel = self.scene.accel();
         let rays = Rays {
@@ -128,58 +163,56 @@ impl Integrator<'_> {
             t_max: &wave.t_max,
         };
         let small = accel.closest_of(&mut wave.few, &rays, &mut wave.found, counters);
-        let mut kept = 0;
-        for i in 0..wave.n {
-            if wave.alive[i] == NO {
-                continue;
-            }
-            let ray = wave.ray(i);
-            let hit = if small { accel.found(&wave.found, i) } else { accel.closest(&ray, counters) };
-            let Some(hit) = hit else {
-                if self.counts(depth) && self.scene.facts().environment {
-                    let wi = ray.direction.normalize();
-                    let lights = self.scene.lights();
-                    let weight = self.weight(&wave.arrival(i), |from| lights.environment_pdf(from, wi));
-                    let light = wave.throughput.at(i) * (lights.environment(wi) * weight);
-                    wave.radiance.set(i, wave.radiance.at(i) + light);
+        (wave.emitters, wave.others) = (0, 0);
+        for i in lanes_of(wave.active()) {
+            if small {
+                let Some(primitive) = wave.found.primitive(i) else {
+                    self.wave_miss(wave, i);
+                    continue;
+                };
+                let record = self.scene.record(primitive);
+                match &record.corners {
+                    Some(corners) => {
+                        (0..3).for_each(|k| wave.corners[k].set(i, corners[k]));
+                        (wave.b1[i], wave.b2[i]) = (wave.found.b1[i], wave.found.b2[i]);
+                    }
+                    None => {
+                        if let Some(hit) = accel.found(&wave.found, i) {
+                            others.add(i, accel.surface(&wave.ray(i), &hit));
+                        }
+                    }
                 }
-                wave.end(i, depth == 0);
-                continue;
-            };
-            wave.shift(i, kept);
-            self.wave_hit(wave, kept, &ray, &hit, &mut others);
-            kept += 1;
+                wave.set_surface(i, record);
+            } else {
+                let ray = wave.ray(i);
+                let Some(hit) = accel.closest(&ray, counters) else {
+                    self.wave_miss(wave, i);
+                    continue;
+                };
+                let corners = accel.world_triangle(&hit);
+                match &corners {
+                    Some(corners) => {
+                        (0..3).for_each(|k| wave.corners[k].set(i, corners[k]));
+                        (wave.b1[i], wave.b2[i]) = (hit.b1, hit.b2);
+                    }
+                    None => others.add(i, accel.surface(&ray, &hit)),
+                }
+                wave.set_surface(i, &self.scene.record_of(&hit, corners));
+            }
         }
-        wave.alive[..kept].fill(YES);
-        wave.alive[kept..].fill(NO);
-        wave.n = kept;
         others
     }
 
-    #[inline(always)]
-    fn wave_hit(&self, wave: &mut Wave, i: usize, ray: &Ray, hit: &Hit, others: &mut Others) {
-        (wave.material[i], wave.emitter[i]) = self.scene.surface_of(hit);
-        wave.surface[i] = hit.shape;
-        match self.scene.accel().world_triangle(hit) {
-            Some(corners) => {
-                (0..3).for_each(|k| wave.corners[k].set(i, corners[k]));
-                (wave.b1[i], wave.b2[i]) = (hit.b1, hit.b2);
-            }
-            None => {
-                others.lanes[others.n] = i as u32;
-                others.points[others.n] = self.scene.accel().surface(ray, hit);
-                others.n += 1;
-            }
+    /// The ray of lane `i` left the scene.
+    fn wave_miss(&self, wave: &mut Wave, i: usize) {
+        if self.counts(wave.depth[i]) && self.scene.facts().environment {
+            let wi = wave.direction.at(i).normalize();
+            let lights = self.scene.lights();
+            let weight = self.weight(&wave.arrival(i), |from| lights.environment_pdf(from, wi));
+            let light = wave.throughput.at(i) * (lights.environment(wi) * weight);
+            wave.radiance.set(i, wave.radiance.at(i) + light);
         }
-        let flat = self.scene.flat(wave.material[i]);
-        wave.scatters[i] = match (flat.diffuse, flat.delta) {
-            (Some(_), _) => Scatters::Diffuse,
-            (None, true) => Scatters::Delta,
-            (None, false) => Scatters::Other,
-        };
-        wave.reflectance.set(i, flat.diffuse.unwrap_or(Rgb::ZERO));
-        wave.two_sided[i] = Flag::from(flat.two_sided);
-        wave.transmissive[i] = Flag::from(flat.transmissive);
+        wave.end(i, wave.depth[i] == 0);
     }
 
     fn wave_surface(&self, wave: &mut Wave, others: Others) {
@@ -194,12 +227,9 @@ impl Integrator<'_> {
     }
 
     /// Emission at the hits.
-    fn wave_found(&self, wave: &mut Wave, depth: u32) {
-        if !self.counts(depth) {
-            return;
-        }
-        for i in 0..wave.n {
-            if wave.emitter[i] != NO_EMITTER {
+    fn wave_found(&self, wave: &mut Wave) {
+        for i in lanes_of(wave.emitters) {
+            if self.counts(wave.depth[i]) {
                 let found = self.found(&self.wave_point(wave, i), &wave.ray(i), &wave.arrival(i));
                 wave.radiance.set(i, wave.radiance.at(i) + wave.throughput.at(i) * found);
             }
@@ -207,57 +237,54 @@ impl Integrator<'_> {
     }
 
     fn wave_features(&self, wave: &mut Wave) {
-        for i in 0..wave.n {
+        for i in lanes_of(wave.active()) {
+            if wave.depth[i] > 0 {
+                continue;
+            }
             let albedo = match wave.scatters[i] {
                 Scatters::Diffuse => wave.reflectance.at(i),
                 _ => self.wave_material(wave, i).bsdf(Vec2::ZERO).albedo(),
             };
             let camera_depth = self.scene.camera().depth(wave.p.at(i));
-            wave.traced[wave.slot[i] as usize].first = Some(FirstHit { albedo, ns: wave.ng.at(i), camera_depth });
+            wave.firsts[wave.slot[i] as usize] = Some(FirstHit { albedo, ns: wave.ng.at(i), camera_depth });
         }
     }
 
     /// Direct light: one sample of one light for each path.
-    fn wave_direct(&self, wave: &mut Wave, sampler: &Sampler, depth: u32, counters: &mut Counters) {
-        wave.draw_two(sampler, dimension::at(depth, dimension::LIGHT));
-        let lights = self.scene.lights();
-        let (mut diffuse_only, first) = (true, wave.n);
-        for i in 0..first {
-            diffuse_only &= wave.scatters[i] == Scatters::Diffuse;
+    fn wave_direct(&self, wave: &mut Wave, sampler: &Sampler, counters: &mut Counters) {
+        stages::gather(wave.proven, wave, self.counted.0, self.counted.1);
+        wave.draw_two(sampler, dimension::LIGHT);
+        let gathers = mask_of(&wave.gathers);
+        if gathers == 0 {
+            return;
         }
-        if let Some(lamp) = lights.lone_rectangle() {
-            stages::rectangle_light(wave.proven, wave, &lamp);
-            for i in 0..wave.n {
+        if let Some(lamp) = &self.lamp {
+            stages::rectangle_light(wave.proven, wave, lamp);
+            for i in lanes_of(gathers & mask_of(&wave.infinite)) {
                 // The solid angle could not be told: by area, as one path would.
-                if wave.infinite[i] == YES {
-                    self.wave_one_light_sample(wave, sampler, depth, i);
-                }
+                self.wave_one_light_sample(wave, sampler, i);
             }
         } else {
-            for i in 0..wave.n {
+            for i in lanes_of(gathers) {
                 if wave.scatters[i] != Scatters::Delta {
-                    self.wave_one_light_sample(wave, sampler, depth, i);
+                    self.wave_one_light_sample(wave, sampler, i);
                 }
             }
         }
         stages::direct_diffuse(wave.proven, wave, self.direct == Strategy::Mis);
-        if !diffuse_only {
-            for i in 0..wave.n {
-                match wave.scatters[i] {
-                    Scatters::Diffuse => {}
-                    Scatters::Delta => wave.lit[i] = NO,
-                    Scatters::Other => self.wave_direct_other(wave, i),
-                }
+        for i in lanes_of(gathers & wave.others) {
+            match wave.scatters[i] {
+                Scatters::Diffuse => {}
+                Scatters::Delta => wave.lit[i] = NO,
+                Scatters::Other => self.wave_direct_other(wave, i),
             }
         }
         stages::shadow_rays(wave.proven, wave);
-        for i in 0..wave.n {
-            if wave.lit[i] == YES && wave.infinite[i] == YES {
-                let ray = spawn(wave.p.at(i), wave.p_error.at(i), wave.ng.at(i), wave.wi.at(i));
-                wave.shadow_origin.set(i, ray.origin);
-                wave.shadow_direction.set(i, ray.direction);
-                wave.shadow_t_max[i] = ray.t_max;
-            }
+        for i in lanes_of(mask_of(&wave.lit) & mask_of(&wave.infinite)) {
+            let ray = spawn(wave.p.at(i), wave.p_error.at(i), wave.ng.at(i), wave.wi.at(i));
+            wave.shadow_origin.set(i, ray.origin);
+            wave.shadow_direction.set(i, ray.direction);
+            wave.shadow_t_max[i] = ray.t_max;
         }
         let rays = Rays {
             n: wave.n,
@@ -268,21 +295,17 @@ impl Integrator<'_> {
         };
         let accel = self.scene.accel();
         if !accel.occluded_of(&mut wave.few, &rays, &mut wave.occluded, counters) {
-            for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+            for i in lanes_of(mask_of(&wave.lit)) {
                 wave.occluded[i] = Flag::from(accel.occluded(&rays.at(i), counters));
             }
         }
-        for i in 0..wave.n {
-            if wave.lit[i] == YES && wave.occluded[i] == NO {
-                wave.radiance.set(i, wave.radiance.at(i) + wave.throughput.at(i) * wave.brings.at(i));
-            }
-        }
+        stages::add_light(wave.proven, wave);
     }
 
     /// A light sample by the code for one path.
-    fn wave_one_light_sample(&self, wave: &mut Wave, sampler: &Sampler, depth: u32, i: usize) {
-        let choice =
-            if self.choice { wave.stream(sampler, i).one(dimension::at(depth, dimension::LIGHT_CHOICE)) } else { 0.5 };
+    fn wave_one_light_sample(&self, wave: &mut Wave, sampler: &Sampler, i: usize) {
+        let dimension = dimension::at(wave.depth[i], dimension::LIGHT_CHOICE);
+        let choice = if self.choice { wave.stream(sampler, i).one(dimension) } else { 0.5 };
         let u = Vec2::new(wave.u[0][i], wave.u[1][i]);
         let reference = Reference { p: wave.p.at(i), n: wave.n_reflecting.at(i) };
         wave.lit[i] = NO;
@@ -318,44 +341,45 @@ impl Integrator<'_> {
         wave.brings.set(i, brings);
     }
 
-    /// Go on along sampled directions. Whether any path does.
-    fn wave_scatter(&self, wave: &mut Wave, sampler: &Sampler, depth: u32) -> bool {
-        let next = depth + 1;
-        let delta_only = next == self.max_depth && self.direct != Strategy::Mis;
-        if delta_only && !self.scene.facts().delta {
-            (0..wave.n).for_each(|i| wave.end(i, false));
-            return false;
+    /// Go on along sampled directions.
+    fn wave_scatter(&self, wave: &mut Wave, sampler: &Sampler) {
+        let delta_only = self.direct != Strategy::Mis;
+        let came = if delta_only { Came::Counted } else { Came::Sampled };
+        // Of Lambert's law nothing is looked for after so many scatterings.
+        let last = if delta_only { self.max_depth } else { u32::MAX };
+        wave.draw_two(sampler, dimension::DIRECTION);
+        stages::scatter_diffuse(wave.proven, wave, came, last);
+        for i in lanes_of(mask_of(&wave.ended)) {
+            let wo_z = wave.wo.at(i).z;
+            let scatters = wo_z > 0.0 || wo_z < 0.0 && wave.two_sided[i] == YES;
+            let absorbed = !scatters || wave.throughput.at(i) == Rgb::ZERO;
+            let black = wave.depth[i] == 0 && wave.reflectance.at(i) == Rgb::ZERO;
+            let unasked = wave.depth[i] + 1 == last && !self.scene.facts().delta;
+            wave.end(i, absorbed && black && !unasked);
         }
-        wave.draw_two(sampler, dimension::at(depth, dimension::DIRECTION));
-        stages::scatter_diffuse(wave.proven, wave);
-        for i in 0..wave.n {
-            if wave.scatters[i] != Scatters::Diffuse {
-                self.wave_scatter_other(wave, sampler, depth, i);
-            } else if wave.alive[i] == NO {
-                let wo_z = wave.wo.at(i).z;
-                let scatters = wo_z > 0.0 || wo_z < 0.0 && wave.two_sided[i] == YES;
-                wave.end(i, !scatters && depth == 0 && wave.reflectance.at(i) == Rgb::ZERO);
-            } else if delta_only && wave.throughput.at(i) != Rgb::ZERO {
+        if wave.others != 0 {
+            for i in lanes_of(wave.others & wave.active()) {
+                self.wave_scatter_other(wave, sampler, came, i);
+            }
+        }
+        if self.roulette == Roulette::Throughput && sampler.is_default() {
+            stages::roulette(wave.proven, wave, FIRST);
+            for i in lanes_of(mask_of(&wave.ended)) {
                 wave.end(i, false);
             }
-            if wave.alive[i] == YES && wave.throughput.at(i) == Rgb::ZERO {
-                let known = depth == 0 && self.wave_material(wave, i).bsdf(Vec2::ZERO).albedo() == Rgb::ZERO;
-                wave.end(i, known);
-            }
-        }
-        self.wave_roulette(wave, sampler, depth);
-        let counted = self.direct != Strategy::Mis;
-        for i in 0..wave.n {
-            if wave.came[i] == Came::Sampled && counted {
-                wave.came[i] = Came::Counted;
-            }
+        } else {
+            self.wave_roulette(wave, sampler);
         }
         stages::spawn_rays(wave.proven, wave);
-        (0..wave.n).any(|i| wave.alive[i] == YES)
     }
 
     /// A direction of a material that the stages do not know.
-    fn wave_scatter_other(&self, wave: &mut Wave, sampler: &Sampler, depth: u32, i: usize) {
+    fn wave_scatter_other(&self, wave: &mut Wave, sampler: &Sampler, came: Came, i: usize) {
+        let depth = wave.depth[i];
+        let last = depth + 1 == self.max_depth && self.direct != Strategy::Mis;
+        if last && !self.scene.facts().delta {
+            return wave.end(i, false);
+        }
         let bsdf = self.wave_material(wave, i).bsdf(Vec2::ZERO);
         let u_lobe = wave.stream(sampler, i).one(dimension::at(depth, dimension::LOBE));
         let u = Vec2::new(wave.u[0][i], wave.u[1][i]);
@@ -371,21 +395,19 @@ impl Integrator<'_> {
         let throughput = wave.throughput.at(i) * sample.weight;
         wave.throughput.set(i, throughput);
         wave.eta2[i] *= sample.eta * sample.eta;
-        wave.alive[i] = YES;
-        let last = depth + 1 == self.max_depth && self.direct != Strategy::Mis;
-        if last && !sample.delta && throughput != Rgb::ZERO {
+        if throughput == Rgb::ZERO {
+            return wave.end(i, depth == 0 && bsdf.albedo() == Rgb::ZERO);
+        }
+        if last && !sample.delta {
             return wave.end(i, false);
         }
-        wave.came[i] = if sample.delta { Came::Only } else { Came::Sampled };
+        wave.came[i] = if sample.delta { Came::Only } else { came };
         wave.pdf[i] = sample.pdf;
     }
 
-    fn wave_roulette(&self, wave: &mut Wave, sampler: &Sampler, depth: u32) {
-        for i in 0..wave.n {
-            let throughput = wave.throughput.at(i);
-            if wave.alive[i] == NO {
-                continue;
-            }
+    fn wave_roulette(&self, wave: &mut Wave, sampler: &Sampler) {
+        for i in lanes_of(wave.active()) {
+            let (depth, throughput) = (wave.depth[i], wave.throughput.at(i));
             if let Some(q) = super::survival(self.roulette, depth + 1, throughput * wave.eta2[i]) {
                 if wave.stream(sampler, i).one(dimension::at(depth, dimension::ROULETTE)) >= q {
                     wave.end(i, false);
@@ -421,5 +443,12 @@ struct Others {
 }
 
 impl Others {
+    #[inline(always)]
+    fn add(&mut self, lane: usize, point: SurfacePoint) {
+        self.lanes[self.n % WIDTH] = lane as u32;
+        self.points[self.n % WIDTH] = point;
+        self.n += 1;
+    }
+
     const NOWHERE: SurfacePoint = SurfacePoint { p: Vec3::ZERO, p_error: Vec3::ZERO, ng: Vec3::ZERO };
 }

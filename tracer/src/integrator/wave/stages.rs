@@ -1,13 +1,14 @@
 //! The stages that all paths of a wave go through alike: loops without branches over whole groups of lanes.
 
-use super::state::{Came, Scatters, Wave};
+use super::state::{Came, Fresh, Scatters, Wave};
 use crate::{
+    camera::Camera,
     geometry::{spawn, spawn_to, surface::triangle_point},
-    integrator::power_heuristic,
-    lanes::{Flag, YES, covering, stage},
+    integrator::{dimension, power_heuristic},
+    lanes::{Flag, NO, YES, covering, stage},
     light::Lamp,
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
-    sampler::default_two,
+    sampler::{default_one, default_two},
 };
 
 stage! {
@@ -42,11 +43,35 @@ stage! {
 }
 
 stage! {
-    /// A pair of numbers for each path, of the default sampler.
-    pub(super) fn draw_two(w: &mut Wave, dimension: u32) {
+    /// Rays of a plain camera, with numbers of the default sampler, for the first `n` paths that begin.
+    pub(super) fn camera_rays(fresh: &mut Fresh, n: usize, camera: &Camera) {
+        let camera = *camera;
+        for i in 0..covering(n) {
+            let u = default_two(fresh.key[i], fresh.index[i], dimension::FILM);
+            let ray = camera.plain_ray(fresh.x[i], fresh.y[i], u);
+            fresh.origin.set(i, ray.origin);
+            fresh.direction.set(i, ray.direction);
+            fresh.t_max[i] = ray.t_max;
+        }
+    }
+}
+
+stage! {
+    /// A pair of numbers for decision `which` of each path, of the default sampler.
+    pub(super) fn draw_two(w: &mut Wave, which: u32) {
         for i in 0..covering(w.n) {
-            let u = default_two(w.key[i], w.index[i], dimension);
+            let u = default_two(w.key[i], w.index[i], dimension::at(w.depth[i], which));
             (w.u[0][i], w.u[1][i]) = (u.x, u.y);
+        }
+    }
+}
+
+stage! {
+    /// Which paths gather light: those alive whose next scattering is counted.
+    pub(super) fn gather(w: &mut Wave, least: u32, most: u32) {
+        for i in 0..covering(w.n) {
+            let next = w.depth[i] + 1;
+            w.gathers[i] = w.alive[i] & Flag::from((least <= next) & (next <= most));
         }
     }
 }
@@ -88,7 +113,7 @@ stage! {
             let weight = select(mis & (signed > 0.0), power_heuristic(pdf, scatter_pdf), 1.0);
             let brings = f_cos * w.light_radiance.at(i) * (weight / pdf);
             let some = (brings.x != 0.0) | (brings.y != 0.0) | (brings.z != 0.0);
-            let lit = (w.lit[i] == YES) & (!diffuse | (transmission == passes) & above & some);
+            let lit = (w.gathers[i] & w.lit[i] == YES) & (!diffuse | (transmission == passes) & above & some);
             w.lit[i] = Flag::from(lit);
             w.brings.set(i, brings);
         }
@@ -109,11 +134,23 @@ stage! {
 }
 
 stage! {
-    /// A direction by Lambert's law for each path. Lanes of other materials are left alone, but for
-    /// `alive`, which they are asked for again.
-    pub(super) fn scatter_diffuse(w: &mut Wave) {
+    /// Add what light samples bring where nothing is in between.
+    pub(super) fn add_light(w: &mut Wave) {
         for i in 0..covering(w.n) {
-            let diffuse = w.scatters[i] as u32 == Scatters::Diffuse as u32;
+            let arrives = (w.lit[i] == YES) & (w.occluded[i] == NO);
+            let radiance = w.radiance.at(i);
+            let sum = radiance + w.throughput.at(i) * w.brings.at(i);
+            w.radiance.set(i, select3(arrives, sum, radiance));
+        }
+    }
+}
+
+stage! {
+    /// A direction by Lambert's law for each path. Lanes of other materials are left alone. A path whose scatterings
+    /// would be `last` ends.
+    pub(super) fn scatter_diffuse(w: &mut Wave, came: Came, last: u32) {
+        for i in 0..covering(w.n) {
+            let diffuse = (w.scatters[i] as u32 == Scatters::Diffuse as u32) & (w.alive[i] == YES);
             let wo_z = w.wo.at(i).z;
             let back = wo_z < 0.0;
             let scatters = (wo_z > 0.0) | back & (w.two_sided[i] == YES);
@@ -125,11 +162,29 @@ stage! {
             let agrees = (wi.dot(ng) > 0.0) == (w.front[i] == YES);
             let throughput = w.throughput.at(i);
             let scattered = throughput * w.reflectance.at(i);
+            let nothing = (scattered.x == 0.0) & (scattered.y == 0.0) & (scattered.z == 0.0);
+            let ended = diffuse & !(scatters & agrees & !nothing & (w.depth[i] + 1 != last));
             w.wi.set(i, wi);
             w.throughput.set(i, select3(diffuse, scattered, throughput));
             w.pdf[i] = select(diffuse, pdf, w.pdf[i]);
-            w.alive[i] = Flag::from(scatters & agrees);
-            w.came[i] = Came::Sampled;
+            w.ended[i] = Flag::from(ended);
+            w.came[i] = came;
+        }
+    }
+}
+
+stage! {
+    /// Roulette by throughput, with numbers of the default sampler.
+    pub(super) fn roulette(w: &mut Wave, after: u32) {
+        for i in 0..covering(w.n) {
+            let throughput = w.throughput.at(i);
+            let left = throughput * w.eta2[i];
+            let (xy, z) = (select(left.x > left.y, left.x, left.y), left.z);
+            let q = select(xy > z, xy, z);
+            let u = default_one(w.key[i], w.index[i], dimension::at(w.depth[i], dimension::ROULETTE));
+            let plays = (w.alive[i] == YES) & (w.depth[i] + 1 > after) & (q < 1.0);
+            w.ended[i] = Flag::from(plays & (u >= q));
+            w.throughput.set(i, select3(plays, throughput / q, throughput));
         }
     }
 }
@@ -138,6 +193,7 @@ stage! {
     /// Rays along the directions chosen, from the surface.
     pub(super) fn spawn_rays(w: &mut Wave) {
         for i in 0..covering(w.n) {
+            w.depth[i] += 1;
             let ray = spawn(w.p.at(i), w.p_error.at(i), w.ng.at(i), w.wi.at(i));
             w.origin.set(i, ray.origin);
             w.direction.set(i, ray.direction);

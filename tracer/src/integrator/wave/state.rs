@@ -1,14 +1,14 @@
 //! What is known of the paths of a wave.
 
-use super::{Traced, stages};
+use super::{FirstHit, Traced, stages};
 use crate::{
     geometry::{FewRays, Found, Ray},
-    integrator::{Arrival, Sample},
-    lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES},
+    integrator::{Arrival, Sample, dimension},
+    lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES, lanes_of, mask_of},
     light::{LightSample, Reference},
-    math::Frame,
+    math::{Frame, Rgb},
     sampler::{Sampler, Stream},
-    scene::NO_EMITTER,
+    scene::{NO_EMITTER, Record},
 };
 
 /// Whether a path is one that only the way it came finds light, or has also had light sampled for it.
@@ -36,13 +36,19 @@ pub(super) enum Scatters {
 #[derive(Debug)]
 pub struct Wave {
     pub(super) proven: Proven,
-    /// Paths that go on, in the first lanes.
+    /// Lanes in use.
     pub(super) n: usize,
+    /// A bit for each of them that has no path.
+    pub(super) idle: u64,
     /// Which sample a lane is.
     pub(super) slot: Lane<u32>,
     pub(super) key: Lane<u64>,
     pub(super) index: Lane<u32>,
     pub(super) alive: Lane<Flag>,
+    /// Scatterings so far.
+    pub(super) depth: Lane<u32>,
+    /// Paths about to begin.
+    pub(super) fresh: Fresh,
     // The ray, and what light along it counts for.
     pub(super) origin: Lane3,
     pub(super) direction: Lane3,
@@ -73,6 +79,14 @@ pub struct Wave {
     pub(super) two_sided: Lane<Flag>,
     pub(super) transmissive: Lane<Flag>,
     pub(super) reflectance: Lane3,
+    /// A bit for each lane whose surface is an emitter.
+    pub(super) emitters: u64,
+    /// A bit for each lane whose material stages do not know.
+    pub(super) others: u64,
+    /// Whether light is gathered here.
+    pub(super) gathers: Lane<Flag>,
+    /// Whether a stage has ended the path.
+    pub(super) ended: Lane<Flag>,
     // Random numbers.
     pub(super) u: [Lane<f32>; 2],
     // A light sample and what it brings, shadows left out.
@@ -91,7 +105,21 @@ pub struct Wave {
     pub(super) occluded: Lane<Flag>,
     pub(super) few: FewRays,
     pub(super) found: Found,
-    pub(super) traced: [Traced; WIDTH],
+    /// Of each request, its sample; and its first hit, where that is wanted.
+    pub(super) samples: Vec<Sample>,
+    pub(super) firsts: Vec<Option<FirstHit>>,
+}
+
+/// Paths about to begin, in the first lanes.
+#[derive(Debug)]
+pub(super) struct Fresh {
+    pub x: Lane<f32>,
+    pub y: Lane<f32>,
+    pub key: Lane<u64>,
+    pub index: Lane<u32>,
+    pub origin: Lane3,
+    pub direction: Lane3,
+    pub t_max: Lane<f32>,
 }
 
 impl Wave {
@@ -109,10 +137,21 @@ impl Wave {
         Some(Box::new(Self {
             proven,
             n: 0,
+            idle: u64::MAX,
             slot: [0; WIDTH],
             key: [0; WIDTH],
             index: [0; WIDTH],
             alive: [NO; WIDTH],
+            depth: [0; WIDTH],
+            fresh: Fresh {
+                x: zero,
+                y: zero,
+                key: [0; WIDTH],
+                index: [0; WIDTH],
+                origin: zeros,
+                direction: zeros,
+                t_max: zero,
+            },
             origin: zeros,
             direction: zeros,
             t_max: zero,
@@ -141,6 +180,10 @@ impl Wave {
             two_sided: [NO; WIDTH],
             transmissive: [NO; WIDTH],
             reflectance: zeros,
+            emitters: 0,
+            others: 0,
+            gathers: [NO; WIDTH],
+            ended: [NO; WIDTH],
             u: [zero; 2],
             lit: [NO; WIDTH],
             wi: zeros,
@@ -157,15 +200,33 @@ impl Wave {
             occluded: [NO; WIDTH],
             few: FewRays::new(proven),
             found: Found::NOTHING,
-            traced: [Traced::NOTHING; WIDTH],
+            samples: Vec::new(),
+            firsts: Vec::new(),
         }))
     }
 
-    /// Of the wave just run, sample `i`.
+    /// Of the requests just served, what came of number `i`.
     #[inline]
     #[must_use]
-    pub fn traced(&self, i: usize) -> &Traced {
-        &self.traced[i]
+    pub fn traced(&self, i: usize) -> Traced {
+        Traced { sample: self.samples[i], first: self.firsts.get(i).copied().flatten() }
+    }
+
+    /// Make room for what comes of `requests` paths.
+    pub(super) fn begin(&mut self, requests: usize, features: bool) {
+        self.samples.clear();
+        self.samples.resize(requests, Sample { radiance: Rgb::ZERO, known: false });
+        self.firsts.clear();
+        self.firsts.resize(if features { requests } else { 0 }, None);
+        self.n = requests.min(WIDTH);
+        self.alive = [NO; WIDTH];
+        self.idle = if self.n == WIDTH { u64::MAX } else { (1 << self.n) - 1 };
+    }
+
+    /// A bit for each lane that has a path.
+    #[inline(always)]
+    pub(super) fn active(&self) -> u64 {
+        mask_of(&self.alive)
     }
 
     #[inline(always)]
@@ -173,32 +234,12 @@ impl Wave {
         sampler.resume(self.key[i], self.index[i])
     }
 
-    /// Keep lane `from` in lane `to`: what outlives a vertex.
-    #[inline(always)]
-    pub(super) fn shift(&mut self, from: usize, to: usize) {
-        if from == to {
-            return;
-        }
-        self.slot[to] = self.slot[from];
-        self.key[to] = self.key[from];
-        self.index[to] = self.index[from];
-        self.origin.shift(from, to);
-        self.direction.shift(from, to);
-        self.t_max[to] = self.t_max[from];
-        self.throughput.shift(from, to);
-        self.radiance.shift(from, to);
-        self.eta2[to] = self.eta2[from];
-        self.came[to] = self.came[from];
-        self.pdf[to] = self.pdf[from];
-        self.from.shift(from, to);
-        self.from_n.shift(from, to);
-    }
-
     /// The path of lane `i` is done.
     #[inline(always)]
     pub(super) fn end(&mut self, i: usize, known: bool) {
         self.alive[i] = NO;
-        self.traced[self.slot[i] as usize].sample = Sample { radiance: self.radiance.at(i), known };
+        self.idle |= 1 << i;
+        self.samples[self.slot[i] as usize] = Sample { radiance: self.radiance.at(i), known };
     }
 
     pub(super) fn ray(&self, i: usize) -> Ray {
@@ -221,6 +262,24 @@ impl Wave {
 }
 
 impl Wave {
+    /// What is known of the surface that lane `i` hit.
+    #[inline(always)]
+    pub(super) fn set_surface(&mut self, i: usize, record: &Record) {
+        self.material[i] = record.material;
+        self.emitter[i] = record.emitter;
+        self.surface[i] = record.surface;
+        self.emitters |= u64::from(record.emitter != NO_EMITTER) << i;
+        self.others |= u64::from(record.diffuse.is_none()) << i;
+        self.scatters[i] = match (record.diffuse, record.delta) {
+            (Some(_), _) => Scatters::Diffuse,
+            (None, true) => Scatters::Delta,
+            (None, false) => Scatters::Other,
+        };
+        self.reflectance.set(i, record.diffuse.unwrap_or(Rgb::ZERO));
+        self.two_sided[i] = Flag::from(record.two_sided);
+        self.transmissive[i] = Flag::from(record.transmissive);
+    }
+
     #[inline(always)]
     pub(super) fn set_light(&mut self, i: usize, light: &LightSample) {
         self.lit[i] = YES;
@@ -234,13 +293,13 @@ impl Wave {
         self.infinite[i] = Flag::from(!light.distance.is_finite());
     }
 
-    /// A pair of numbers for each path, into `u`.
-    pub(super) fn draw_two(&mut self, sampler: &Sampler, dimension: u32) {
+    /// A pair of numbers for each path, into `u`: those of decision `which` at its vertex.
+    pub(super) fn draw_two(&mut self, sampler: &Sampler, which: u32) {
         if sampler.is_default() {
-            stages::draw_two(self.proven, self, dimension);
+            stages::draw_two(self.proven, self, which);
         } else {
-            for i in 0..self.n {
-                let u = self.stream(sampler, i).two(dimension);
+            for i in lanes_of(self.active()) {
+                let u = self.stream(sampler, i).two(dimension::at(self.depth[i], which));
                 (self.u[0][i], self.u[1][i]) = (u.x, u.y);
             }
         }

@@ -83,8 +83,8 @@ fn compare(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled:
         (0..16).flat_map(|y| (0..24).flat_map(move |x| (0..9).map(move |s| [x, y, s * 5]))).collect();
     let (mut bright, mut counters, mut expected_counters) = (0, Counters::default(), Counters::default());
     // Waves that are full, and some that are not.
-    for chunk in requests.chunks(WIDTH).chain(requests.chunks(11).take(20)) {
-        integrator.wave(&mut wave, &sampler, chunk, &mut counters);
+    for chunk in requests.chunks(1000).chain(requests.chunks(11).take(20)) {
+        integrator.wave(&mut wave, &sampler, chunk, true, &mut counters);
         for (i, &[x, y, sample]) in chunk.iter().enumerate() {
             let mut first = First::default();
             let stream = sampler.stream(x, y, sample);
@@ -155,6 +155,7 @@ fn instructions_do_not_show() {
 }
 
 #[test]
+#[allow(clippy::needless_range_loop, reason = "a lane of several arrays")]
 fn a_world_of_few_primitives_is_traced_as_by_its_tree() {
     use crate::geometry::{Accel, FewRays, Found, Rays, Shape, TriangleMesh, TriangleTest, World};
     use crate::lanes::{Lane3, Proven, YES};
