@@ -184,8 +184,8 @@ impl FewRays {
         counters.primitive_tests += rays.count() * few.ids.len() as u64;
         frames(self.proven, self, rays);
         filter_any(self.proven, few, rays, &mut self.kept, &mut self.masks);
-        for i in 0..rays.n {
-            occluded[i] = self.masks.sure[i] & rays.active[i] & Flag::from(self.axis[i] != NOWHERE);
+        for (i, occluded) in occluded.iter_mut().enumerate().take(rays.n) {
+            *occluded = self.masks.sure[i] & rays.active[i] & Flag::from(self.axis[i] != NOWHERE);
         }
         self.each_candidate(few, rays, |work, c| {
             let ray = work.candidates.ray[c] as usize;

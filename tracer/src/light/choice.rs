@@ -4,9 +4,12 @@ use super::{
     Area, Emitter, Primitive, Reference, Source,
     cone::Cone,
     delta::{self, DeltaLight},
-    tree::{LightBounds, LightTree},
+    tree::{self, LightBounds, LightTree, Walk},
 };
-use crate::math::Vec3;
+use crate::{
+    lanes::{Proven, WIDTH},
+    math::Vec3,
+};
 
 /// The tree, environment and directional lights: each of these is as likely as the whole tree.
 #[derive(Debug, Clone)]
@@ -24,6 +27,13 @@ pub(super) struct TreeChoice {
 }
 
 const NOT_IN_TREE: u32 = u32::MAX;
+
+/// What is chosen first.
+enum Part {
+    Beside(Source),
+    /// With what is left of the number.
+    Tree(f64),
+}
 
 impl TreeChoice {
     /// `live` are the numbers of the lights that have any power.
@@ -66,15 +76,52 @@ impl TreeChoice {
     /// The light that `u` chooses for `reference`, and its probability.
     #[inline]
     pub(super) fn pick(&self, reference: &Reference, u: f64) -> Option<(Source, f32)> {
+        match self.part(u) {
+            Part::Beside(source) => Some((source, self.share)),
+            Part::Tree(within) => {
+                let (light, probability) = self.tree.as_ref()?.sample(reference.p, reference.n, within)?;
+                Some((self.sources[light as usize], self.share * probability))
+            }
+        }
+    }
+
+    /// [`TreeChoice::pick`] for up to [`WIDTH`] references at once: `query` gives that of a place, with its number, and
+    /// `chosen` takes what was chosen for it.
+    pub(super) fn pick_all(
+        &self,
+        proven: Proven,
+        n: usize,
+        mut query: impl FnMut(usize) -> (Reference, f64),
+        mut chosen: impl FnMut(usize, Option<(Source, f32)>),
+    ) {
+        let mut walks = [Walk::NONE; WIDTH];
+        let mut beside = [None; WIDTH];
+        let n = n.min(WIDTH);
+        for i in 0..n {
+            let (reference, u) = query(i);
+            match self.part(u) {
+                Part::Beside(source) => beside[i] = Some((source, self.share)),
+                Part::Tree(within) => walks[i] = Walk::new(reference.p, reference.n, within),
+            }
+        }
+        if let Some(tree) = &self.tree {
+            tree::sample_all(proven, tree, &mut walks[..n]);
+        }
+        for (i, (walk, beside)) in walks.iter().zip(beside).enumerate().take(n) {
+            let found = |(light, probability): (u32, f32)| (self.sources[light as usize], self.share * probability);
+            chosen(i, beside.or(walk.found.map(found)));
+        }
+    }
+
+    /// The tree or a light beside it, as `u` chooses.
+    #[inline(always)]
+    fn part(&self, u: f64) -> Part {
         let parts = self.infinite.len() + usize::from(self.tree.is_some());
         let scaled = u * parts as f64;
-        let part = scaled as usize;
-        if let Some(&source) = self.infinite.get(part) {
-            return Some((source, self.share));
+        match self.infinite.get(scaled as usize) {
+            Some(&source) => Part::Beside(source),
+            None => Part::Tree((scaled - self.infinite.len() as f64).clamp(0.0, 1.0 - f64::EPSILON)),
         }
-        let within = (scaled - self.infinite.len() as f64).clamp(0.0, 1.0 - f64::EPSILON);
-        let (light, probability) = self.tree.as_ref()?.sample(reference.p, reference.n, within)?;
-        Some((self.sources[light as usize], self.share * probability))
     }
 
     /// Probability with which [`TreeChoice::pick`] chooses `source`.

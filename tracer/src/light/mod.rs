@@ -29,7 +29,10 @@ pub use lamp::Lamp;
 pub use tree::group_importance;
 
 use self::choice::TreeChoice;
-use crate::math::{Rgb, Vec2, Vec3, select};
+use crate::{
+    lanes::Proven,
+    math::{Rgb, Vec2, Vec3, select},
+};
 
 /// Who asks for light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -251,6 +254,34 @@ impl Lights {
                     visit(sample);
                 }
             }
+        }
+    }
+
+    /// [`Lights::for_each`] for up to [`crate::lanes::WIDTH`] hits at once, where [`Lights::has_one_sample`]: `query` gives the
+    /// reference and the numbers of each, `visit` takes its sample.
+    pub(crate) fn for_all(
+        &self,
+        proven: Proven,
+        n: usize,
+        query: impl Fn(usize) -> (Reference, f32, Vec2),
+        mut visit: impl FnMut(usize, Option<LightSample>),
+    ) {
+        if let Choice::Tree(tree) = &self.choice {
+            let number = |i| {
+                let (reference, pick, u) = query(i);
+                (reference, alias::lengthen(pick, u))
+            };
+            tree.pick_all(proven, n, number, |i, chosen| {
+                let (reference, _, u) = query(i);
+                visit(i, chosen.and_then(|(source, p)| self.sample_source(source, p, &reference, u, Stratum::ONLY)));
+            });
+            return;
+        }
+        for i in 0..n {
+            let (reference, pick, u) = query(i);
+            let mut found = None;
+            self.for_each(&reference, Stratum::ONLY, || (pick, u), |sample| found = Some(sample));
+            visit(i, found);
         }
     }
 

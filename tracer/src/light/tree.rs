@@ -12,7 +12,10 @@
 //! makes the choice depend on that unit: `textbook::mixed_importance`.)
 
 use super::{cone::Cone, lanes::Lanes};
-use crate::math::{DVec3, Vec3};
+use crate::{
+    lanes::stage,
+    math::{DVec3, Vec3},
+};
 
 /// Bins a range of centroids is sorted into, each axis.
 const BINS: usize = 12;
@@ -71,6 +74,45 @@ pub(super) struct LightTree {
     scale: f32,
 }
 
+/// A walk down the tree.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Walk {
+    p: Vec3,
+    n: Vec3,
+    u: f64,
+    at: u32,
+    probability: f32,
+    done: bool,
+    /// At its end: the light and its probability, where one matters.
+    pub(super) found: Option<(u32, f32)>,
+}
+
+impl Walk {
+    /// For the reference point `p` with normal `n` (0 for none), by the number `u`.
+    #[inline(always)]
+    pub(super) fn new(p: Vec3, n: Vec3, u: f64) -> Self {
+        Self { p, n, u, at: 0, probability: 1.0, done: false, found: None }
+    }
+
+    /// One that goes nowhere.
+    pub(super) const NONE: Self =
+        Self { p: Vec3::ZERO, n: Vec3::ZERO, u: 0.0, at: 0, probability: 0.0, done: true, found: None };
+}
+
+stage! {
+    /// [`LightTree::sample`] for many at once, a level at a time: one walk waits for memory and for its own
+    /// arithmetic at every node, many fill each other's gaps.
+    pub(super) fn sample_all(tree: &LightTree, walks: &mut [Walk]) {
+        let mut going = walks.len();
+        while going > 0 {
+            going = 0;
+            for walk in walks.iter_mut() {
+                going += usize::from(!walk.done && !tree.step(walk));
+            }
+        }
+    }
+}
+
 /// Children of a node.
 const WIDTH: usize = 4;
 /// Marks the index of a child that is a light.
@@ -112,27 +154,36 @@ impl LightTree {
     /// The light that `u` chooses for the reference point `p` with normal `n` (0 for none), and its
     /// probability; `None` where no light matters.
     #[inline]
-    pub(super) fn sample(&self, p: Vec3, n: Vec3, mut u: f64) -> Option<(u32, f32)> {
-        let p = p * self.scale;
-        let (mut at, mut probability) = (0, 1.0);
-        loop {
-            let node = &self.nodes[at];
-            let shares = node.shares(p, n)?;
-            let share = shares.map(f64::from);
-            let edges = [0.0, share[0], share[0] + share[1], share[0] + share[1] + share[2]];
-            let mut chosen = edges[1..].iter().map(|&edge| usize::from(u >= edge)).sum::<usize>();
-            if shares[chosen] == 0.0 {
-                // The shares add up to 1 but for rounding, which is the last one's.
-                chosen = shares.iter().rposition(|&share| share > 0.0)?;
+    pub(super) fn sample(&self, p: Vec3, n: Vec3, u: f64) -> Option<(u32, f32)> {
+        let mut walk = Walk::new(p, n, u);
+        while !self.step(&mut walk) {}
+        walk.found
+    }
+
+    /// One node further. Whether that was the end.
+    #[inline(always)]
+    fn step(&self, walk: &mut Walk) -> bool {
+        let node = &self.nodes[walk.at as usize];
+        walk.done = true;
+        let Some(shares) = node.shares(walk.p * self.scale, walk.n) else { return true };
+        let share = shares.map(f64::from);
+        let edges = [0.0, share[0], share[0] + share[1], share[0] + share[1] + share[2]];
+        let mut chosen = edges[1..].iter().map(|&edge| usize::from(walk.u >= edge)).sum::<usize>();
+        if shares[chosen] == 0.0 {
+            // The shares add up to 1 but for rounding, which is the last one's.
+            match shares.iter().rposition(|&share| share > 0.0) {
+                Some(last) => chosen = last,
+                None => return true,
             }
-            probability *= shares[chosen];
-            u = ((u - edges[chosen]) / share[chosen]).min(1.0 - f64::EPSILON);
-            let index = node.index[chosen];
-            if index & LEAF != 0 {
-                return Some((index & !LEAF, probability));
-            }
-            at = index as usize;
         }
+        walk.probability *= shares[chosen];
+        walk.u = ((walk.u - edges[chosen]) / share[chosen]).min(1.0 - f64::EPSILON);
+        walk.at = node.index[chosen];
+        walk.done = walk.at & LEAF != 0;
+        if walk.done {
+            walk.found = Some((walk.at & !LEAF, walk.probability));
+        }
+        walk.done
     }
 
     /// The probability with which [`LightTree::sample`] chooses `light`.
@@ -177,7 +228,7 @@ impl Node {
     };
 
     /// Probabilities of the children; `None` where none of them matters. None that matters gets none.
-    #[inline]
+    #[inline(always)]
     fn shares(&self, p: Vec3, n: Vec3) -> Option<[f32; WIDTH]> {
         let importance = self.importance(p, n);
         let sum = importance.sum();

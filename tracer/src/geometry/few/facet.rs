@@ -308,13 +308,13 @@ fn against<const ANY: bool, const QUAD: bool>(
             let within = f.inner - e;
             let mut sure = (b < within) & (g < within) & (soonest > 1e-30);
             let es = 3.0 * e;
-            let (first, second) = (!(side < -es), !(side > es));
+            let (not_first, not_second) = (side < -es, side > es);
             if !QUAD {
                 sure &= side > es;
             }
             let soonest = select(soonest > -f32::MAX, soonest, -f32::MAX);
-            kept_first[l] = select(!out & first, soonest, f32::NAN);
-            kept_second[l] = select(QUAD & !out & second, soonest, f32::NAN);
+            kept_first[l] = select(!(out | not_first), soonest, f32::NAN);
+            kept_second[l] = select(QUAD & !(out | not_second), soonest, f32::NAN);
             if ANY {
                 block.sure[l] |= Flag::from(sure & (latest < block.best[l] * (1.0 - 64.0 * f32::EPSILON)));
             } else {

@@ -24,7 +24,7 @@ use state::{Came, Scatters};
 use super::{Integrator, Kernel, Sample, Strategy, dimension, power_heuristic, roulette::FIRST};
 use crate::{
     geometry::{Counters, Rays, SurfacePoint, spawn},
-    light::{Reference, Stratum},
+    light::Reference,
     material::Material,
     math::{Rgb, Vec2, Vec3},
     sampler::Sampler,
@@ -260,16 +260,13 @@ impl Integrator<'_> {
         }
         if let Some(lamp) = &self.lamp {
             stages::rectangle_light(wave.proven, wave, lamp);
-            for i in lanes_of(gathers & mask_of(&wave.infinite)) {
+            let imprecise = gathers & mask_of(&wave.infinite);
+            if imprecise != 0 {
                 // The solid angle could not be told: by area, as one path would.
-                self.wave_one_light_sample(wave, sampler, i);
+                self.wave_light_samples(wave, sampler, imprecise);
             }
         } else {
-            for i in lanes_of(gathers) {
-                if wave.scatters[i] != Scatters::Delta {
-                    self.wave_one_light_sample(wave, sampler, i);
-                }
-            }
+            self.wave_light_samples(wave, sampler, gathers);
         }
         stages::direct_diffuse(wave.proven, wave, self.direct == Strategy::Mis);
         for i in lanes_of(gathers & wave.others) {
@@ -302,14 +299,30 @@ impl Integrator<'_> {
         stages::add_light(wave.proven, wave);
     }
 
-    /// A light sample by the code for one path.
-    fn wave_one_light_sample(&self, wave: &mut Wave, sampler: &Sampler, i: usize) {
-        let dimension = dimension::at(wave.depth[i], dimension::LIGHT_CHOICE);
-        let choice = if self.choice { wave.stream(sampler, i).one(dimension) } else { 0.5 };
-        let u = Vec2::new(wave.u[0][i], wave.u[1][i]);
-        let reference = Reference { p: wave.p.at(i), n: wave.n_reflecting.at(i) };
-        wave.lit[i] = NO;
-        self.scene.lights().for_each(&reference, Stratum::ONLY, || (choice, u), |light| wave.set_light(i, &light));
+    /// Light samples of any kind, for the lanes in `gathers` whose material is no delta.
+    fn wave_light_samples(&self, wave: &mut Wave, sampler: &Sampler, gathers: u64) {
+        let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
+        for i in lanes_of(gathers) {
+            wave.lit[i] = NO;
+            if wave.scatters[i] != Scatters::Delta {
+                if self.choice {
+                    picks[n] = wave.stream(sampler, i).one(dimension::at(wave.depth[i], dimension::LIGHT_CHOICE));
+                }
+                lanes[n] = i;
+                n += 1;
+            }
+        }
+        let mut references = [(Reference { p: Vec3::ZERO, n: Vec3::ZERO }, Vec2::ZERO); WIDTH];
+        for (reference, &i) in references.iter_mut().zip(&lanes).take(n) {
+            let u = Vec2::new(wave.u[0][i], wave.u[1][i]);
+            *reference = (Reference { p: wave.p.at(i), n: wave.n_reflecting.at(i) }, u);
+        }
+        let query = |k: usize| (references[k].0, picks[k], references[k].1);
+        self.scene.lights().for_all(wave.proven, n, query, |k, sample| {
+            if let Some(light) = sample {
+                wave.set_light(lanes[k], &light);
+            }
+        });
     }
 
     /// What a light sample brings by way of a material that the stages do not know.
