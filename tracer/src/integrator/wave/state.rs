@@ -219,7 +219,8 @@ impl Wave {
         self.firsts.clear();
         self.firsts.resize(if features { requests } else { 0 }, None);
         self.n = requests.min(WIDTH);
-        self.alive = [NO; WIDTH];
+        // Stages look at as many lanes as there are paths: what the wave before left in the others must not be seen.
+        (self.alive, self.ended, self.gathers, self.lit) = ([NO; WIDTH], [NO; WIDTH], [NO; WIDTH], [NO; WIDTH]);
         self.idle = if self.n == WIDTH { u64::MAX } else { (1 << self.n) - 1 };
     }
 

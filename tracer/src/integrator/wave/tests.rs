@@ -82,8 +82,9 @@ fn compare(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled:
     let requests: Vec<[u32; 3]> =
         (0..16).flat_map(|y| (0..24).flat_map(move |x| (0..9).map(move |s| [x, y, s * 5]))).collect();
     let (mut bright, mut counters, mut expected_counters) = (0, Counters::default(), Counters::default());
-    // Waves that are full, and some that are not.
-    for chunk in requests.chunks(1000).chain(requests.chunks(11).take(20)) {
+    // Waves that are full, and some that are not, also after one that was.
+    let turns = requests.chunks(WIDTH + 5).take(40).flat_map(|both| both.chunks(WIDTH));
+    for chunk in requests.chunks(1000).chain(requests.chunks(11).take(20)).chain(turns) {
         integrator.wave(&mut wave, &sampler, chunk, true, &mut counters);
         for (i, &[x, y, sample]) in chunk.iter().enumerate() {
             let mut first = First::default();
