@@ -3,7 +3,7 @@
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{
-    Args, Parser, Subcommand,
+    Args, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
     value_parser,
 };
@@ -24,9 +24,21 @@ pub struct Cli {
     /// What is logged, e.g. `debug` or `worker=debug,info` [default: info for services, warn otherwise]
     #[arg(long, global = true, env = "RUST_LOG", value_name = "FILTER", help_heading = "Logging")]
     pub log: Option<String>,
+    /// How log lines are written: for people, or as one JSON object an event
+    #[arg(long, global = true, env = "TESSERA_LOG_FORMAT", default_value = "text", help_heading = "Logging")]
+    pub log_format: LogFormat,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object an event: `timestamp`, `level`, `target`, `fields`, and the request or lease in `span`.
+    Json,
 }
 
 /// What to do.

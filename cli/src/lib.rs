@@ -31,7 +31,7 @@ mod watch;
 
 use std::{io::IsTerminal, process::ExitCode};
 
-use args::{Cli, Command};
+use args::{Cli, Command, LogFormat};
 use clap::{Parser, error::ErrorKind};
 use error::Failure;
 use tracing_subscriber::{EnvFilter, fmt::format::FmtSpan};
@@ -55,7 +55,7 @@ pub fn main() -> ExitCode {
 
 fn run(cli: Cli) -> Result<(), Failure> {
     let service = matches!(cli.command, Command::Coordinator(_) | Command::Worker(_));
-    log(cli.log.as_deref(), service)?;
+    log(cli.log.as_deref(), cli.log_format, service)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
     let runtime = runtime.map_err(|error| Failure::Work(format!("no threads to work with: {error}")))?;
     let ended = runtime.block_on(dispatch(cli.command));
@@ -88,12 +88,16 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
 }
 
 /// Log to standard error: services from `info` on, commands from `warn` on.
-fn log(filter: Option<&str>, service: bool) -> Result<(), Failure> {
+fn log(filter: Option<&str>, format: LogFormat, service: bool) -> Result<(), Failure> {
     // What is odd about a scene has been said when it was read, before the worker reads it again.
     let default = if service { "info" } else { "warn,worker::scenes=error" };
     let filter = filter.filter(|filter| !filter.is_empty()).unwrap_or(default);
     let filter = EnvFilter::builder().parse(filter).map_err(|error| Failure::Input(format!("--log: {error}")))?;
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    if format == LogFormat::Json {
+        let _ = builder.json().try_init();
+        return Ok(());
+    }
     let builder = builder.with_ansi(std::io::stderr().is_terminal());
     let builder = builder.with_span_events(FmtSpan::NONE).with_target(false);
     // It can be set once in a process, and this is the once.

@@ -8,7 +8,7 @@
 //! | [`blobs`] | files by the hash of their bytes |
 //! | [`assemble`] | films to pictures; pure |
 //! | [`service`] | all of these put together; where time and async begin |
-//! | [`http`] | the REST interface and the status page |
+//! | [`http`] | the REST interface and the dashboard |
 //!
 //! It knows nothing of the tracer, of mesh formats, or of how a unit is rendered.
 

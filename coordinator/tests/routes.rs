@@ -105,6 +105,7 @@ async fn bad_jobs_are_refused_by_the_field() {
         refused(&answer, 422, "invalid", Some(field), words);
     }
     refused(&call(&app, Method::POST, "/api/v1/jobs", "{").await, 400, "malformed", None, "JSON");
+    refused(&call(&app, Method::POST, "/api/v1/jobs", " [null, null]").await, 400, "malformed", None, "list");
     assert_eq!(get(&app, "/api/v1/jobs").await.json()["jobs"], json!([]));
 }
 
@@ -467,6 +468,26 @@ async fn figures_are_in_the_text_format_of_prometheus() {
     }
     let samples = format!("tessera_samples_total {}", 7000 * 64);
     assert!(text.contains(&samples), "{text}");
+    assert!(text.contains("tessera_worker_threads{state=\"idle\"} 2"), "{text}");
+    assert!(text.contains(&format!("tessera_build_info{{version=\"{}\"}} 1", env!("CARGO_PKG_VERSION"))), "{text}");
+    let spent = text.lines().find_map(|line| line.strip_prefix("tessera_render_cpu_seconds_total ")).unwrap();
+    assert!((spent.parse::<f64>().unwrap() - 1e-5 * 7000.0 * 64.0).abs() < 1e-3, "{spent}");
+    // Names as Prometheus has them: counters end in _total, and each has its type and help.
+    for line in text.lines().filter_map(|line| line.strip_prefix("# TYPE ")) {
+        let (name, kind) = line.split_once(' ').unwrap();
+        assert_eq!(kind == "counter", name.ends_with("_total"), "{line}");
+        assert!(text.contains(&format!("# HELP {name} ")), "{line}");
+    }
+    // The dashboard for Grafana asks for nothing that is not here.
+    let board = include_str!("../../deploy/grafana-dashboard.json");
+    let asked = board.split("tessera_").skip(1).map(|rest| {
+        let end = rest.find(|c: char| !c.is_ascii_lowercase() && c != '_').unwrap();
+        format!("# TYPE tessera_{} ", &rest[..end])
+    });
+    for name in asked {
+        assert!(text.contains(&name), "{name}");
+    }
+    assert!(serde_json::from_str::<Value>(board).unwrap()["panels"].as_array().unwrap().len() > 8);
     for line in text.lines().filter(|line| !line.starts_with('#')) {
         let (_, value) = line.rsplit_once(' ').unwrap();
         assert!(value.parse::<f64>().is_ok(), "{line}");

@@ -23,6 +23,7 @@ use tokio::{
     time::{Instant, sleep, timeout},
 };
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
+use tracing::Instrument;
 
 use crate::{
     assets::AssetSource,
@@ -250,7 +251,9 @@ impl Session {
                 next = next => next?,
             };
             let hold = self.hold(worker, &lease);
-            tasks.spawn(lease::work(Arc::clone(self), hold, lease, place));
+            // Whoever asked for the picture finds what became of it here, by the id of the request.
+            let span = tracing::info_span!("lease", id = %lease.id, request = lease.request);
+            tasks.spawn(lease::work(Arc::clone(self), hold, lease, place).instrument(span));
         }
     }
 
@@ -347,7 +350,7 @@ impl Session {
             return;
         }
         if cause == FailureCause::Failed {
-            tracing::error!(%lease, "{message}");
+            tracing::error!(%lease, units = units.len(), "{message}");
         }
         let body = common::protocol::LeaseFailure { worker: hold.worker, units, cause, message };
         let endpoint = &self.link.endpoint;

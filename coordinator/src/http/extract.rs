@@ -37,6 +37,10 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Json<T> {
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
         let Body(bytes) = Body::from_request(request, state).await?;
+        // serde would take the fields of an object in the order of a list, too.
+        if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
+            return Err(Failure::Malformed("the body is a list; an object is expected".into()));
+        }
         Ok(Json(from_json(&bytes)?))
     }
 }

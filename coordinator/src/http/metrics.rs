@@ -33,25 +33,30 @@ pub(super) async fn metrics(State(service): Shared) -> impl IntoResponse {
         }
         (farm.counters(), farm.queue(), jobs)
     };
-    let mut workers: BTreeMap<String, u64> = BTreeMap::new();
+    let mut workers: BTreeMap<String, (u64, u64)> = BTreeMap::new();
     for worker in service.worker_views() {
-        *workers.entry(worker.state).or_default() += 1;
+        let (count, threads) = workers.entry(worker.state).or_default();
+        *count += 1;
+        *threads += u64::from(worker.threads);
     }
     let tallies = service.tallies();
     let mut out = String::new();
-    let mut figure = |name: &str, kind: &str, help: &str, values: &[(String, u64)]| {
+    let mut figure = |name: &str, kind: &str, help: &str, values: &[(String, f64)]| {
         // Writing to a string cannot fail.
         let _ = writeln!(out, "# HELP tessera_{name} {help}\n# TYPE tessera_{name} {kind}");
         for (labels, value) in values {
             let _ = writeln!(out, "tessera_{name}{labels} {value}");
         }
     };
-    let one = |value: u64| vec![(String::new(), value)];
-    let by = |states: Vec<(String, u64)>| -> Vec<(String, u64)> {
-        states.into_iter().map(|(state, n)| (format!("{{state=\"{state}\"}}"), n)).collect()
-    };
-    figure("jobs", "gauge", "Jobs by state.", &by(jobs.into_iter().map(|(s, n)| (s.into(), n)).collect()));
-    figure("workers", "gauge", "Workers by state.", &by(workers.into_iter().collect()));
+    let one = |value: u64| vec![(String::new(), value as f64)];
+    let state = |state: &str, value: u64| (format!("{{state=\"{state}\"}}"), value as f64);
+    let build = format!("{{version=\"{}\"}}", env!("CARGO_PKG_VERSION"));
+    figure("build_info", "gauge", "Version of this coordinator.", &[(build, 1.0)]);
+    figure("jobs", "gauge", "Jobs by state.", &jobs.iter().map(|(s, &n)| state(s, n)).collect::<Vec<_>>());
+    let counts: Vec<_> = workers.iter().map(|(s, &(n, _))| state(s, n)).collect();
+    figure("workers", "gauge", "Workers by state.", &counts);
+    let threads: Vec<_> = workers.iter().map(|(s, &(_, n))| state(s, n)).collect();
+    figure("worker_threads", "gauge", "Threads of workers by the workers' state.", &threads);
     figure("units_pending", "gauge", "Units waiting for a worker.", &one(pending));
     figure("units_leased", "gauge", "Units that workers hold.", &one(leased));
     for (name, help, value) in [
@@ -70,6 +75,13 @@ pub(super) async fn metrics(State(service): Shared) -> impl IntoResponse {
     ] {
         figure(name, "counter", help, &one(value));
     }
+    let spent = tallies.cpu_microseconds.load(Ordering::Relaxed) as f64 * 1e-6;
+    figure(
+        "render_cpu_seconds_total",
+        "counter",
+        "Processor seconds of the results that counted.",
+        &[(String::new(), spent)],
+    );
     figure("starts", "gauge", "Starts of this coordinator's record.", &one(service.epoch()));
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], out)
 }

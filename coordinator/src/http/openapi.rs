@@ -72,17 +72,26 @@ fn complete(path: &str, method: &str, operation: &mut Value) {
             if let Some(kinds) = parameter.pointer_mut("/schema/type").filter(|kinds| kinds.is_array()) {
                 *kinds = json!("string");
             }
+            if parameter["name"] == "map" {
+                parameter["schema"] = json!({ "type": "string", "enum": ["image", "samples", "error"] });
+            }
             let reference = match parameter["name"].as_str() {
                 Some("status") => "JobState",
                 Some("cursor") => "JobId",
                 _ => continue,
             };
-            parameter["schema"] = json!({ "$ref": format!("#/components/schemas/{reference}") });
+            // An empty one counts as absent.
+            let named = json!({ "$ref": format!("#/components/schemas/{reference}") });
+            parameter["schema"] = json!({ "anyOf": [named, { "const": "" }] });
         }
         for name in path.split('{').skip(1).filter_map(|rest| rest.split('}').next()) {
             let schema = parameter(path, name);
             parameters.push(json!({ "name": name, "in": "path", "required": true, "schema": schema }));
         }
+    }
+    if let Some(Value::Object(body)) = operation.get_mut("requestBody") {
+        // An empty file is a file.
+        body.insert("required".into(), json!(!path.ends_with("/assets")));
     }
     if let Some(Value::Object(responses)) = operation.get_mut("responses") {
         responses.entry("default").or_insert_with(|| {

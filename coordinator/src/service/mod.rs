@@ -108,6 +108,7 @@ pub(crate) struct Tallies {
     pub(crate) result_bytes: AtomicU64,
     pub(crate) refused_results: AtomicU64,
     pub(crate) samples: AtomicU64,
+    pub(crate) cpu_microseconds: AtomicU64,
 }
 
 /// How often time passes for the farm, and listeners are told.

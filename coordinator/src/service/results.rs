@@ -67,6 +67,7 @@ impl Service {
             return Ok(Receipt { counted: false });
         };
         self.tallies.samples.fetch_add(samples, Ordering::Relaxed);
+        self.tallies.cpu_microseconds.fetch_add((cpu_seconds * 1e6) as u64, Ordering::Relaxed);
         // A task of its own: a sender that hangs up must not leave the unit half taken in.
         let service = Arc::clone(self);
         let stored = tokio::spawn(async move { service.store_result(accepted, result, body).await }).await;

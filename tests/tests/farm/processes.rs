@@ -141,6 +141,11 @@ impl Coordinator {
     /// SIGKILL, then a new one at the same place.
     pub async fn kill_and_restart(&mut self) {
         self.process.kill();
+        self.restart().await;
+    }
+
+    /// A new one in the place of one that was killed.
+    pub async fn restart(&mut self) {
         let address = self.url.trim_start_matches("http://").to_string();
         *self = Self::listen(&self.data.clone(), &address).await;
     }

@@ -86,6 +86,41 @@ async fn what_is_wrong_with_a_request_is_named() {
     assert_eq!(http.get(format!("{api}/jobs/j99")).send().await.unwrap().status(), StatusCode::NOT_FOUND);
 }
 
+/// The examples of docs/examples, as they are. One whose interpreter is missing says so and is left out.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_examples_submit_wait_and_fetch() {
+    let folder = tempfile::tempdir().unwrap();
+    let farm = Coordinator::start(folder.path()).await;
+    let _worker = farm.worker("one");
+    let mut scene: Value =
+        serde_json::from_slice(&std::fs::read(repository("scenes/mesh-light.json")).unwrap()).unwrap();
+    scene["film"] = json!({ "width": 24, "height": 24 });
+    scene["settings"]["quality"] = json!({ "target": "samples", "samples": 4 });
+    let place = folder.path().join("scene");
+    std::fs::create_dir_all(place.join("meshes")).unwrap();
+    std::fs::copy(repository("scenes/meshes/torus-knot.ply"), place.join("meshes/torus-knot.ply")).unwrap();
+    std::fs::write(place.join("mesh.json"), scene.to_string()).unwrap();
+    // The shell's example takes scenes without files.
+    let shapes = scene["shapes"].as_array_mut().unwrap();
+    shapes[0] = json!({ "type": "sphere", "radius": 0.5, "center": [0, 2.3, 0], "emission": 5 });
+    std::fs::write(place.join("plain.json"), scene.to_string()).unwrap();
+    for (interpreter, example, scene) in [("python3", "submit.py", "mesh.json"), ("bash", "submit.sh", "plain.json")] {
+        let (out, url) = (folder.path().join(format!("{example}.png")), farm.url.clone());
+        let mut command = std::process::Command::new(interpreter);
+        command.arg(repository("docs/examples").join(example)).arg(place.join(scene)).arg(&out).arg(url);
+        command.env_remove("TESSERA_TOKEN");
+        let ended = tokio::task::spawn_blocking(move || command.output()).await.unwrap();
+        let Ok(ended) = ended else {
+            eprintln!("*** SKIPPED: there is no {interpreter} to run {example}");
+            continue;
+        };
+        assert!(ended.status.success(), "{example}: {}", String::from_utf8_lossy(&ended.stderr));
+        let image = image::open(&out).unwrap().into_rgba8();
+        assert_eq!(image.dimensions(), (24, 24), "{example}");
+        assert!(image.pixels().all(|pixel| pixel[3] == 255), "{example}: every pixel is rendered");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_token_keeps_strangers_out() {
     let folder = tempfile::tempdir().unwrap();
