@@ -265,6 +265,42 @@ fn ply_reads_alike_in_every_encoding() {
     }
 }
 
+/// Binary triangles, which are read in place, with a quad among them, which makes them all go through the parser.
+#[test]
+fn ply_triangles_read_alike_in_place_and_by_the_parser() {
+    let file = |quad: bool, kind: &str, negative: bool| {
+        let faces = 3 + u32::from(quad);
+        let mut bytes = format!(
+            "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float nx\nproperty float x\nproperty float y\n\
+             property float ny\nproperty float z\nproperty float nz\nproperty float odd\nelement face {faces}\n\
+             property list uchar {kind} vertex_indices\nelement tail 1\nproperty uchar x\nend_header\n"
+        )
+        .into_bytes();
+        for i in 0..28u8 {
+            bytes.extend(f32::from(i).to_le_bytes());
+        }
+        for face in [[0, 1, 2], [2, 1, 3], [3, if negative { -1 } else { 0 }, 1i32]] {
+            bytes.push(3);
+            bytes.extend(face.iter().flat_map(|i| i.to_le_bytes()));
+        }
+        if quad {
+            bytes.push(4);
+            bytes.extend([0, 1, 2, 3i32].iter().flat_map(|i| i.to_le_bytes()));
+        }
+        bytes.push(9);
+        bytes
+    };
+    for kind in ["int", "uint"] {
+        let fast = read("m.ply", &file(false, kind, false), &[]).unwrap().parts.remove(0).mesh;
+        let slow = read("m.ply", &file(true, kind, false), &[]).unwrap().parts.remove(0).mesh;
+        assert_eq!(fast.triangles, [[0, 1, 2], [2, 1, 3], [3, 0, 1]]);
+        assert_eq!(slow.triangles, [&fast.triangles[..], &[[0, 1, 2], [0, 2, 3]]].concat());
+        assert_eq!((fast.positions[1], fast.normals[1]), ([8.0, 9.0, 11.0], [7.0, 10.0, 12.0]));
+        assert_eq!((&fast.positions, &fast.normals), (&slow.positions, &slow.normals));
+        assert!(read("m.ply", &file(false, kind, true), &[]).is_err());
+    }
+}
+
 #[test]
 fn ply_faults_are_one_sentence() {
     let error = |text: &str| {

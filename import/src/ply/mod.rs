@@ -1,4 +1,6 @@
-//! PLY, ASCII and binary, read by ply-rs-bw.
+//! PLY, ASCII and binary, read by ply-rs-bw but for the bulk of large files ([`binary`]).
+
+mod binary;
 
 use common::{
     mesh::{Mesh, MeshPart},
@@ -25,12 +27,20 @@ pub(crate) fn read(path: &str, bytes: &[u8]) -> Result<Imported, ImportError> {
     let mut warnings = Vec::new();
     for (name, element) in &header.elements {
         let done = match name.as_str() {
-            "vertex" => Parser::<Vertex>::new()
-                .read_payload_for_element(&mut reader, element, &header)
-                .map(|vertices| take_vertices(&mut mesh, element, &vertices)),
-            "face" => Parser::<Face>::new()
-                .read_payload_for_element(&mut reader, element, &header)
-                .map(|faces| take_faces(&mut mesh, &faces)),
+            "vertex" => match binary::vertices(reader.get_mut(), element, header.encoding) {
+                Some(vertices) => Ok(vertices),
+                None => Parser::<Vertex>::new().read_payload_for_element(&mut reader, element, &header),
+            }
+            .map(|vertices| take_vertices(&mut mesh, element, &vertices)),
+            "face" => match binary::triangles(reader.get_mut(), element, header.encoding) {
+                Some(triangles) => {
+                    mesh.triangles = triangles;
+                    Ok(Ok(()))
+                }
+                None => Parser::<Face>::new()
+                    .read_payload_for_element(&mut reader, element, &header)
+                    .map(|faces| take_faces(&mut mesh, &faces)),
+            },
             _ => Parser::<Other>::new().read_payload_for_element(&mut reader, element, &header).map(|_| Ok(())),
         };
         done.map_err(|error| syntax(path, &error, ascii))?.map_err(fail)?;
@@ -79,23 +89,28 @@ struct Vertex {
     uv: [f32; 2],
 }
 
+/// Where the property with this name goes.
+fn field<'a>(vertex: &'a mut Vertex, name: &str) -> Option<&'a mut f32> {
+    Some(match name {
+        "x" => &mut vertex.position[0],
+        "y" => &mut vertex.position[1],
+        "z" => &mut vertex.position[2],
+        "nx" => &mut vertex.normal[0],
+        "ny" => &mut vertex.normal[1],
+        "nz" => &mut vertex.normal[2],
+        "u" | "s" | "texture_u" => &mut vertex.uv[0],
+        "v" | "t" | "texture_v" => &mut vertex.uv[1],
+        _ => return None,
+    })
+}
+
 impl PropertyAccess for Vertex {
     fn new() -> Self {
         Self::default()
     }
 
     fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        let field = match name {
-            "x" => &mut self.position[0],
-            "y" => &mut self.position[1],
-            "z" => &mut self.position[2],
-            "nx" => &mut self.normal[0],
-            "ny" => &mut self.normal[1],
-            "nz" => &mut self.normal[2],
-            "u" | "s" | "texture_u" => &mut self.uv[0],
-            "v" | "t" | "texture_v" => &mut self.uv[1],
-            _ => return PropertyAccessResult::Ignored,
-        };
+        let Some(field) = field(self, name) else { return PropertyAccessResult::Ignored };
         match value.to_f32_lossy() {
             Some(value) => *field = value,
             None => return PropertyAccessResult::UnsupportedType,
@@ -103,6 +118,9 @@ impl PropertyAccess for Vertex {
         PropertyAccessResult::Set
     }
 }
+
+/// What the list of a face's corners is called.
+const INDICES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 #[derive(Default)]
 struct Face {
@@ -116,7 +134,7 @@ impl PropertyAccess for Face {
     }
 
     fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        if !matches!(name, "vertex_indices" | "vertex_index") {
+        if !INDICES.contains(&name) {
             return PropertyAccessResult::Ignored;
         }
         self.corners = value.to_u32_list();
