@@ -512,6 +512,7 @@ mod tests {
             "compare a.exr b.exr --layer stderr.Y --json -o diff.png",
             "stability -o d --only roulette",
             "soak --samples 1e9 --scenes scenes --scenes a.json --only glass --threads 2 --keep d --json",
+            "bench rays m.ply --runs 3 --threads 2 --brute-force --json --resolution 480x360",
             "coverage -o d --page p.md --trials 90 --quick --only simulated",
         ] {
             let words = ["tessera"].into_iter().chain(line.split(' '));

@@ -4,7 +4,7 @@
 //! lease is.
 
 mod args;
-mod bench;
+pub mod bench;
 mod bundle;
 mod chart;
 pub mod compare;

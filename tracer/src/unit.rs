@@ -20,7 +20,7 @@ use common::{
 
 use crate::{
     Assets,
-    geometry::Counters,
+    geometry::{Counters, Options, World},
     integrator::{Integrator, REQUESTS, Wave},
     math::Rgb,
     sampler::Sampler,
@@ -51,6 +51,12 @@ impl Loaded {
     #[must_use]
     pub fn warnings(&self) -> &[String] {
         self.0.warnings()
+    }
+
+    /// What the acceleration structure is built of, for measurements.
+    #[must_use]
+    pub fn world(&self) -> (&World, Options) {
+        self.0.world()
     }
 
     /// Build the acceleration structure. Its shape does not depend on the number of threads.

@@ -1,5 +1,7 @@
 //! `tessera bench`: how fast the parts are, measured by themselves. It knows nothing of farms.
 
+mod figures;
+pub mod rays;
 mod render;
 
 use clap::Subcommand;
@@ -11,6 +13,8 @@ use crate::error::Failure;
 pub enum BenchCommand {
     /// Render a scene at a fixed number of samples, without a farm, and print samples per processor second
     Render(render::BenchRenderArgs),
+    /// Build a scene's acceleration structure and trace rays of every kind, on one core and on all
+    Rays(figures::BenchRaysArgs),
 }
 
 /// Runs `tessera bench`.
@@ -20,5 +24,6 @@ pub enum BenchCommand {
 pub fn command(command: BenchCommand) -> Result<(), Failure> {
     match command {
         BenchCommand::Render(args) => render::command(args),
+        BenchCommand::Rays(args) => figures::command(args),
     }
 }

@@ -241,6 +241,8 @@ impl Accel {
     fn dispatch<const ANY: bool>(&self, ray: &Ray, nearest: &mut Nearest, counters: &mut Counters) -> bool {
         match self.proof {
             #[cfg(target_arch = "x86_64")]
+            Proof::Avx512(isa) => self.trace::<_, ANY>(isa, &self.world, 0, ray, nearest, counters),
+            #[cfg(target_arch = "x86_64")]
             Proof::Avx2(isa) => self.trace::<_, ANY>(isa, &self.world, 0, ray, nearest, counters),
             #[cfg(target_arch = "x86_64")]
             Proof::Sse2(isa) => self.trace::<_, ANY>(isa, &self.world, 0, ray, nearest, counters),

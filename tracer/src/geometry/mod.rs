@@ -23,6 +23,7 @@ pub mod bvh;
 pub mod disk;
 mod few;
 pub mod offset;
+mod pages;
 pub mod ray;
 mod simd;
 pub mod sphere;

@@ -64,15 +64,11 @@ impl RayFrame {
         let o = ray.origin.to_array();
         let d = ray.direction.to_array().map(flush);
         let a = d.map(f32::abs);
-        let kz = if a[0] > a[1] {
-            if a[0] > a[2] { 0 } else { 2 }
-        } else if a[1] > a[2] {
-            1
-        } else {
-            2
-        };
-        let kx = if kz == 2 { 0 } else { kz + 1 };
-        let ky = if kx == 2 { 0 } else { kx + 1 };
+        // The largest of three, without branches: nothing can be foretold of a scattered ray.
+        let y_first = usize::from(a[0] <= a[1]);
+        let larger = if a[0] > a[1] { a[0] } else { a[1] };
+        let kz = if larger > a[2] { y_first } else { 2 };
+        let [kx, ky] = [[1, 2], [2, 0], [0, 1]][kz];
         // A sum is not finite as soon as one of its terms is not.
         let sum = (a[0] + a[1] + a[2]) * 0.0 + (o[0] * 0.0 + o[1] * 0.0 + o[2] * 0.0);
         let axes = [kx, ky, kz];
@@ -208,17 +204,50 @@ fn max3(v: [f64; 3]) -> f64 {
     max2(max2(v[0], v[1]), v[2])
 }
 
-/// Eight triangles, a row for each coordinate of each corner: x, y, z of the first, second, third.
+/// Up to eight triangles, a row for each coordinate of each corner: x, y, z of the first, second, third.
 /// Unused lanes repeat the first triangle.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Pack {
     pub rows: [Row; 9],
-    /// Numbers of the triangles within their tree.
-    pub ids: [u32; 8],
+    /// Numbers of the triangles within their tree; above the first one's, how many lanes are not used.
+    ids: [u32; 8],
 }
 
+/// Bits of a triangle's number within its tree.
+pub(super) const ID_BITS: u32 = 27;
+
 impl Pack {
+    /// Of rows, and the numbers of one to eight triangles.
+    pub fn new(rows: [Row; 9], numbers: impl ExactSizeIterator<Item = u32>) -> Self {
+        let mut ids = [0; 8];
+        let unused = 8 - numbers.len() as u32;
+        for (id, number) in ids.iter_mut().zip(numbers) {
+            debug_assert!(number >> ID_BITS == 0);
+            *id = number;
+        }
+        ids[0] |= unused << ID_BITS;
+        Self { rows, ids }
+    }
+
+    /// The number of a lane's triangle.
+    #[inline(always)]
+    pub fn id(&self, lane: usize) -> u32 {
+        self.ids[lane & 7] & ((1 << ID_BITS) - 1)
+    }
+
+    /// The lanes in use, a bit for each.
+    #[inline(always)]
+    fn lanes(&self) -> u32 {
+        0xff >> (self.ids[0] >> ID_BITS)
+    }
+
+    /// Everything in it, as bits.
+    #[cfg(test)]
+    pub fn bits(&self) -> impl Iterator<Item = u32> {
+        self.rows.iter().flat_map(|row| row.0.map(f32::to_bits)).chain(self.ids)
+    }
+
     /// The corners of one triangle.
     #[inline(always)]
     pub fn corners(&self, lane: usize) -> [[f32; 3]; 3] {
@@ -236,6 +265,8 @@ pub(super) struct WideFrame<I: Isa> {
     sx: I::F,
     sy: I::F,
     rz: I::F,
+    /// Magnitude of the direction's z.
+    dz: I::F,
 }
 
 impl<I: Isa> WideFrame<I> {
@@ -248,6 +279,7 @@ impl<I: Isa> WideFrame<I> {
             sx: isa.splat(f.shear[0]),
             sy: isa.splat(f.shear[1]),
             rz: isa.splat(f.reciprocal[2]),
+            dz: isa.splat(f.direction[2].abs()),
         }
     }
 
@@ -280,30 +312,65 @@ impl<I: Isa> WideFrame<I> {
         let (lo, hi) = (e0.min(e1).min(e2), e0.max(e1).max(e2));
         let zero = isa.splat(0.0);
         // Rejected only by signs that are certain; a NaN is kept for `intersect` to look at.
-        let mut maybe = !lo.lt_and_gt(zero, hi) & 0xff;
+        let (t0, t1, t2) = (z0.mul(self.rz), z1.mul(self.rz), z2.mul(self.rz));
+        let (t_lo, t_hi) = (t0.min(t1).min(t2), t0.max(t1).max(t2));
+        let mut maybe = !(lo.lt_and_gt(zero, hi) | t_hi.lt(zero) | t_far.lt(t_lo)) & 0xff;
         if maybe == 0 {
             return (0, 0);
         }
-        let (t0, t1, t2) = (z0.mul(self.rz), z1.mul(self.rz), z2.mul(self.rz));
-        let (t_lo, t_hi) = (t0.min(t1).min(t2), t0.max(t1).max(t2));
-        maybe &= !(t_hi.lt(zero) | t_far.lt(t_lo)) & 0xff;
-        if maybe == 0 {
-            return (0, 0);
+        maybe &= pack.lanes();
+        let mut sure = 0;
+        let mut inside = 0;
+        if any {
+            // Both signs certain, no overflow, and all of the triangle well inside the ray's span.
+            inside = zero.lt(lo) & hi.lt(isa.splat(1e30)) | hi.lt(zero) & isa.splat(-1e30).lt(lo);
+            let shrunk = t_far.mul(isa.splat(1.0 - 64.0 * f32::EPSILON));
+            sure = maybe & inside & isa.splat(1e-30).lt(t_lo) & t_hi.lt(shrunk);
+            if sure != 0 {
+                return (maybe, sure);
+            }
+        }
+        // One triangle that is all ahead is soon decided. Of others, which walls of a room are, most prove to be
+        // missed, behind the origin or beyond the end; `f32` is enough to see it.
+        if any || maybe & maybe.wrapping_sub(1) != 0 || maybe & t_lo.le(zero) != 0 {
+            let greatest = |a: I::F, b: I::F, c: I::F| a.abs().max(b.abs()).max(c.abs());
+            let (mx, my) = (greatest(x0, x1, x2), greatest(y0, y1, y2));
+            let mt = t_hi.max(zero.sub(t_lo));
+            // What moving and shearing the corners did counts only for triangles that reach behind the origin, as in
+            // `decide`.
+            let mz = mt.mul(self.dz).where_le(t_lo, zero);
+            let unit = mx.add(mz).mul(my.add(mz)).mul(isa.splat(SIFT)).add(isa.splat(1e-30));
+            let error = unit.mul(mt).add(isa.splat(1e-35));
+            let error_far = unit.mul(mt.add(t_far)).add(isa.splat(1e-35));
+            let det = e0.add(e1.add(e2));
+            let depth = e0.mul(t0).add(e1.mul(t1).add(e2.mul(t2)));
+            let beyond = depth.sub(t_far.mul(det)).times_sign_of(det);
+            let depth = depth.times_sign_of(det);
+            let certain = unit.lt(det.abs()) & error.lt(isa.splat(1e30));
+            let behind = depth.add(error).lt(zero);
+            maybe &= !(certain & (behind | error_far.lt(beyond)));
+            if maybe == 0 {
+                return (0, 0);
+            }
+            if any {
+                let slack = error_far.add(t_far.mul(det.abs()).mul(isa.splat(64.0 * f32::EPSILON)));
+                sure = maybe & certain & inside & error.lt(depth) & beyond.add(slack).lt(zero);
+                if sure != 0 {
+                    return (maybe, sure);
+                }
+            }
         }
         for (row, lanes) in moved.iter_mut().zip([x0, x1, x2, y0, y1, y2, z0, z1, z2]) {
             lanes.store(row);
         }
-        if !any {
-            return (maybe, 0);
-        }
-        // Both signs certain, no overflow, and all of the triangle well inside the ray's span.
-        let big = isa.splat(1e30);
-        let inside = zero.lt(lo) & hi.lt(big) | hi.lt(zero) & isa.splat(-1e30).lt(lo);
-        let shrunk = t_far.mul(isa.splat(1.0 - 64.0 * f32::EPSILON));
-        let sure = maybe & inside & isa.splat(1e-30).lt(t_lo) & t_hi.lt(shrunk);
         (maybe, sure)
     }
 }
+
+/// What bounds the error of the `f32` sums that tell whether a triangle is missed, relative to the product of the
+/// greatest coordinates: some 21 for the edge functions' own roundings, 66 for those of the corners
+/// ([`RayFrame::depth_error`]), and room.
+const SIFT: f32 = 128.0 * f32::EPSILON;
 
 /// Whether a triangle can be hit at all: finite corners that are not in a line.
 #[must_use]

@@ -91,6 +91,12 @@ impl Draft {
         &self.warnings
     }
 
+    /// Where the surfaces are, and how their acceleration structure is to be built.
+    #[must_use]
+    pub fn world(&self) -> (&World, Options) {
+        (&self.world, self.options)
+    }
+
     /// Build the acceleration structure.
     #[must_use]
     pub fn build(self) -> Scene {

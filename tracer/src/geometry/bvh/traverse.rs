@@ -14,7 +14,7 @@
 use std::mem::MaybeUninit;
 
 #[cfg(target_arch = "x86_64")]
-use super::super::simd::{Avx2, Sse2};
+use super::super::simd::{Avx2, Avx512, Sse2};
 use super::{
     super::{
         Counters, Ray,
@@ -31,6 +31,38 @@ const STACK: usize = 7 * (MAX_DEPTH + 1) + 8;
 /// Relative widening, in units of the last place of 1: 2 gamma(3) for the slabs, 2 gamma(5) for the
 /// corners, and as much again.
 pub(in super::super) const WIDEN: f32 = 16.0 * f32::EPSILON;
+
+/// The rows of a node that a ray meets first and last, on each of its permuted axes.
+struct Sides {
+    near: [u8; 3],
+    far: [u8; 3],
+}
+
+/// By the axis that is z and the signs of the direction's components: a table is read sooner than computed.
+static SIDES: [Sides; 24] = {
+    let mut all = [const { Sides { near: [0; 3], far: [0; 3] } }; 24];
+    let mut k = 0;
+    while k < 24 {
+        let mut i = 0;
+        while i < 3 {
+            // x follows z, y follows x.
+            let axis = (k / 8 + 1 + i) % 3;
+            let negative = k >> axis & 1;
+            all[k].near[i] = (axis + 3 * negative) as u8;
+            all[k].far[i] = (axis + 3 * (1 - negative)) as u8;
+            i += 1;
+        }
+        k += 1;
+    }
+    all
+};
+
+/// The signs of a ray's direction, a bit for each axis.
+#[inline(always)]
+fn signs(ray: &Ray) -> usize {
+    let bit = |x: f32| (x.to_bits() >> 31) as usize;
+    bit(ray.direction.x) | bit(ray.direction.y) << 1 | bit(ray.direction.z) << 2
+}
 
 /// The nearest hit so far. Ordered by parameter, then instance, then primitive.
 #[derive(Clone, Copy, Debug)]
@@ -128,6 +160,8 @@ macro_rules! traverse {
 }
 
 #[cfg(target_arch = "x86_64")]
+traverse!(Avx512, #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]);
+#[cfg(target_arch = "x86_64")]
 traverse!(Avx2, #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]);
 #[cfg(target_arch = "x86_64")]
 traverse!(Sse2,);
@@ -148,17 +182,14 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
     }
     let Some(frame) = RayFrame::new(ray) else { return false };
     let wide = WideFrame::new(isa, &frame);
-    // Rows of the near and far side of each permuted axis.
-    let near_row: [usize; 3] = std::array::from_fn(|i| {
-        let negative = frame.direction[i].is_sign_negative();
-        frame.axes[i] + if negative { 3 } else { 0 }
-    });
-    let far_row: [usize; 3] = std::array::from_fn(|i| 2 * frame.axes[i] + 3 - near_row[i]);
+    let rows = &SIDES[frame.axes[2] << 3 | signs(ray)];
+    let (near_row, far_row) = (rows.near.map(usize::from), rows.far.map(usize::from));
     let o = [isa.splat(frame.origin[0]), isa.splat(frame.origin[1]), isa.splat(frame.origin[2])];
     let r = [isa.splat(frame.reciprocal[0]), isa.splat(frame.reciprocal[1]), isa.splat(frame.reciprocal[2])];
+    let grow = isa.splat(1.0 + WIDEN);
+    let r_far = [r[0].mul(grow), r[1].mul(grow), r[2].mul(grow)];
     let zero = isa.splat(0.0);
     let behind = isa.splat(2.0 * WIDEN);
-    let grow = isa.splat(1.0 + WIDEN);
     // Everything that compares with the nearest hit does so with this margin.
     let mut t_far = nearest.t * (1.0 + WIDEN);
     let mut t_far_wide = isa.splat(t_far);
@@ -181,15 +212,14 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                 // SAFETY: inner children are places of nodes; `wide::Tree::build` wrote them.
                 let node: &Node = unsafe { tree.nodes.get_unchecked(current as usize) };
                 node_tests += 1;
-                let slab = |row: usize, axis: usize| {
-                    // SAFETY: near and far rows are an axis, or an axis and 3.
-                    isa.load(unsafe { node.rows.get_unchecked(row) }).sub(o[axis]).mul(r[axis])
-                };
-                let z = slab(near_row[2], 2);
-                let near = slab(near_row[0], 0).max(slab(near_row[1], 1).max(z.max(zero)));
-                let near = near.add(z.min(zero).mul(behind));
-                let far = slab(far_row[0], 0).min(slab(far_row[1], 1).min(slab(far_row[2], 2).min(t_far_wide)));
-                let mut mask = near.le(far.mul(grow));
+                // SAFETY: near and far rows are an axis, or an axis and 3.
+                let from = |row: usize, axis: usize| isa.load(unsafe { node.rows.get_unchecked(row) }).sub(o[axis]);
+                let near = |axis: usize| from(near_row[axis], axis).mul(r[axis]);
+                let far = |axis: usize| from(far_row[axis], axis).mul(r_far[axis]);
+                let z = near(2);
+                let far = far(0).min(far(1)).min(far(2).min(t_far_wide));
+                let near = near(0).max(near(1)).max(z.max(zero)).add(z.min(zero).mul(behind));
+                let mut mask = near.le(far);
                 if mask == 0 {
                     break 'pop;
                 }
@@ -306,7 +336,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                         frame.decide(three(0), three(3), three(6), || pack.corners(lane))
                     };
                     let Some(hit) = hit else { continue };
-                    if nearest.offer(rank, pack.ids[lane & 7], hit.t, hit.b1, hit.b2) {
+                    if nearest.offer(rank, pack.id(lane), hit.t, hit.b1, hit.b2) {
                         changed = true;
                         if ANY {
                             break 'next;
@@ -325,7 +355,8 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
             // SAFETY: below the top all entries have been written.
             let entry = unsafe { *stack.add(top) };
             current = entry as u32;
-            if ANY || f32::from_bits((entry >> 32) as u32) <= t_far {
+            // As whole numbers: sooner known, and in the same order.
+            if ANY || (entry >> 32) as i32 <= t_far.to_bits() as i32 {
                 break;
             }
         }
@@ -338,13 +369,11 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
 impl Tree {
     #[inline(always)]
     fn prefetch<I: Isa>(&self, isa: I, child: u32) {
-        if child & LEAF == 0 {
-            let node = self.nodes.as_ptr().wrapping_add(child as usize);
-            isa.prefetch(node.cast(), size_of::<Node>().div_ceil(64));
-        } else {
-            // For items this is an address of no meaning, which a prefetch may be given.
-            let pack = self.packs.as_ptr().wrapping_add((child & FIRST_MASK) as usize);
-            isa.prefetch(pack.cast(), 4);
-        }
+        // Chosen without a branch: leaves and nodes come in no order that could be foretold. For items this is an
+        // address of no meaning, which a prefetch may be given.
+        let leaf = child & LEAF != 0;
+        let base = if leaf { self.packs.as_ptr().cast::<u8>() } else { self.nodes.as_ptr().cast() };
+        let size = if leaf { size_of::<Pack>() } else { size_of::<Node>() };
+        isa.prefetch(base.wrapping_add((child & FIRST_MASK) as usize * size), 4);
     }
 }

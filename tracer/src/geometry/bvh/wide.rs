@@ -3,7 +3,11 @@
 use rayon::prelude::*;
 
 use super::{
-    super::{Bounds, simd::Row, triangle::Pack},
+    super::{
+        Bounds, pages,
+        simd::Row,
+        triangle::{ID_BITS, Pack},
+    },
     BuildMethod,
     build::{self, Kind, MAX_DEPTH, Node2, PACK, Ref},
 };
@@ -20,8 +24,9 @@ pub(super) const COUNT_MASK: u32 = 7;
 /// The place of a leaf's first pack or item.
 pub(super) const FIRST_MASK: u32 = (1 << COUNT_SHIFT) - 1;
 /// More primitives than this in one tree are not taken: places in a leaf have 27 bits, and a leaf may
-/// hold one triangle.
+/// hold one triangle; so have their numbers in packs.
 pub(in super::super) const MAX_PRIMITIVES: usize = 1 << COUNT_SHIFT;
+const _: () = assert!(COUNT_SHIFT == ID_BITS);
 
 /// A node. Rows 0 to 2 are the children's smallest coordinates, 3 to 5 the largest; a child that is not
 /// there has a box that no ray meets.
@@ -86,11 +91,10 @@ impl Tree {
                 leaves[child as usize] = LEAF | code;
             }
         }
-        let nodes = plans.par_iter().map(|plan| fill(plan, &binary, &leaves)).collect();
-        let packs = packs
-            .par_iter()
-            .map(|&(first, count)| pack(&refs[first as usize..(first + count) as usize], &corners))
-            .collect();
+        let nodes = pages::collect(plans.par_iter().map(|plan| fill(plan, &binary, &leaves)));
+        let packs =
+            packs.par_iter().map(|&(first, count)| pack(&refs[first as usize..(first + count) as usize], &corners));
+        let packs = pages::collect(packs);
         let all = &binary[0].bounds;
         let bounds = Bounds { lo: glam::Vec3::from_slice(&all.lo), hi: glam::Vec3::from_slice(&all.hi) };
         Self { nodes, packs, items, bounds: Some(bounds), depth }
@@ -115,8 +119,7 @@ impl Tree {
             all.extend(n.children);
         }
         for p in &self.packs {
-            all.extend(rows(&p.rows));
-            all.extend(p.ids);
+            all.extend(p.bits());
         }
         all.extend(&self.items);
         all
@@ -187,15 +190,14 @@ fn fill(plan: &Plan, binary: &[Node2], leaves: &[u32]) -> Node {
 }
 
 fn pack(members: &[Ref], corners: &impl Fn(u32) -> [[f32; 3]; 3]) -> Pack {
-    let mut pack = Pack { rows: [Row([0.0; 8]); 9], ids: [0; 8] };
+    let mut rows = [Row([0.0; 8]); 9];
     for lane in 0..PACK {
         let id = members.get(lane).unwrap_or(&members[0]).id();
-        pack.ids[lane] = id;
         for (corner, p) in corners(id).iter().enumerate() {
             for (axis, &x) in p.iter().enumerate() {
-                pack.rows[3 * corner + axis].0[lane] = x;
+                rows[3 * corner + axis].0[lane] = x;
             }
         }
     }
-    pack
+    Pack::new(rows, members.iter().map(Ref::id))
 }

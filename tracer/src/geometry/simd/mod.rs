@@ -10,7 +10,7 @@ mod x86;
 
 pub(super) use portable::Portable;
 #[cfg(target_arch = "x86_64")]
-pub(super) use x86::{Avx2, Sse2};
+pub(super) use x86::{Avx2, Avx512, Sse2};
 
 /// Eight numbers, aligned for any load.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +20,8 @@ pub(super) struct Row(pub [f32; 8]);
 /// Which instructions the traversal uses. It changes the speed and nothing else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstructionSet {
+    /// 256-bit vectors with the registers and masks of AVX-512.
+    Avx512,
     /// 256-bit vectors.
     Avx2,
     /// 128-bit vectors, which every x86-64 processor has.
@@ -32,7 +34,7 @@ impl InstructionSet {
     /// The fastest one that this processor has.
     #[must_use]
     pub fn detect() -> Self {
-        [Self::Avx2, Self::Sse2].into_iter().find(|i| i.is_available()).unwrap_or(Self::Portable)
+        [Self::Avx512, Self::Avx2, Self::Sse2].into_iter().find(|i| i.is_available()).unwrap_or(Self::Portable)
     }
 
     /// Whether this processor has it.
@@ -45,11 +47,13 @@ impl InstructionSet {
     pub(super) fn prove(self) -> Option<Proof> {
         match self {
             #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => Avx512::new().map(Proof::Avx512),
+            #[cfg(target_arch = "x86_64")]
             Self::Avx2 => Avx2::new().map(Proof::Avx2),
             #[cfg(target_arch = "x86_64")]
             Self::Sse2 => Some(Proof::Sse2(Sse2)),
             #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx2 | Self::Sse2 => None,
+            Self::Avx512 | Self::Avx2 | Self::Sse2 => None,
             Self::Portable => Some(Proof::Portable(Portable)),
         }
     }
@@ -58,6 +62,8 @@ impl InstructionSet {
 /// An instruction set that is there, to be told apart once a ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Proof {
+    #[cfg(target_arch = "x86_64")]
+    Avx512(Avx512),
     #[cfg(target_arch = "x86_64")]
     Avx2(Avx2),
     #[cfg(target_arch = "x86_64")]
@@ -86,6 +92,12 @@ pub(super) trait Lanes: Copy {
     fn min(self, b: Self) -> Self;
     /// `self > b ? self : b`, so `b` where either is NaN or both are equal.
     fn max(self, b: Self) -> Self;
+    /// Without its sign.
+    fn abs(self) -> Self;
+    /// The other sign where `b` has one.
+    fn times_sign_of(self, b: Self) -> Self;
+    /// Zero but where `a <= b`.
+    fn where_le(self, a: Self, b: Self) -> Self;
     fn le(self, b: Self) -> u32;
     fn lt(self, b: Self) -> u32;
     /// Lanes where `self < middle` and `middle < upper`.

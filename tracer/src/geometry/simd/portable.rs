@@ -65,6 +65,18 @@ impl Lanes for F8 {
         self.each(b, |a, b| if a > b { a } else { b })
     }
     #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f32::abs))
+    }
+    #[inline(always)]
+    fn times_sign_of(self, b: Self) -> Self {
+        self.each(b, |a, b| f32::from_bits(a.to_bits() ^ b.to_bits() & 1 << 31))
+    }
+    #[inline(always)]
+    fn where_le(self, a: Self, b: Self) -> Self {
+        Self(std::array::from_fn(|i| if a.0[i] <= b.0[i] { self.0[i] } else { 0.0 }))
+    }
+    #[inline(always)]
     fn le(self, b: Self) -> u32 {
         self.mask(b, |a, b| a <= b)
     }

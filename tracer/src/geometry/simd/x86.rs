@@ -21,6 +21,23 @@ impl Avx2 {
     }
 }
 
+/// The processor has the 256-bit forms of AVX-512 besides: twice the registers, and masks in registers of their own.
+/// Made by [`Avx512::new`] only.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Avx512(Avx2);
+
+impl Avx512 {
+    /// None where the processor lacks it.
+    #[inline]
+    pub fn new() -> Option<Self> {
+        (is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512vl"))
+        .then_some(Self(Avx2::new()?))
+    }
+}
+
 /// What every x86-64 processor has.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Sse2;
@@ -59,6 +76,22 @@ impl Isa for Avx2 {
     }
 }
 
+impl Isa for Avx512 {
+    type F = F8;
+    #[inline(always)]
+    fn splat(self, x: f32) -> F8 {
+        self.0.splat(x)
+    }
+    #[inline(always)]
+    fn load(self, row: &Row) -> F8 {
+        self.0.load(row)
+    }
+    #[inline(always)]
+    fn prefetch(self, address: *const u8, lines: usize) {
+        prefetch_lines(address, lines);
+    }
+}
+
 /// A function of one AVX instruction on two values.
 macro_rules! avx {
     ($($name:ident = $intrinsic:ident;)*) => {$(
@@ -83,6 +116,21 @@ impl Lanes for F8 {
     fn store(self, row: &mut Row) {
         // SAFETY: an `F8` exists only where the processor has AVX2; a row is eight numbers, aligned to 32.
         unsafe { _mm256_store_ps(row.0.as_mut_ptr(), self.0) };
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: an `F8` exists only where the processor has AVX2.
+        Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn times_sign_of(self, b: Self) -> Self {
+        // SAFETY: an `F8` exists only where the processor has AVX2.
+        Self(unsafe { _mm256_xor_ps(self.0, _mm256_and_ps(_mm256_set1_ps(-0.0), b.0)) })
+    }
+    #[inline(always)]
+    fn where_le(self, a: Self, b: Self) -> Self {
+        // SAFETY: an `F8` exists only where the processor has AVX2.
+        Self(unsafe { _mm256_and_ps(self.0, _mm256_cmp_ps::<_CMP_LE_OQ>(a.0, b.0)) })
     }
     #[inline(always)]
     fn le(self, b: Self) -> u32 {
@@ -152,6 +200,27 @@ impl Lanes for F4x2 {
             _mm_store_ps(p, self.0);
             _mm_store_ps(p.add(4), self.1);
         }
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe {
+            let sign = _mm_set1_ps(-0.0);
+            Self(_mm_andnot_ps(sign, self.0), _mm_andnot_ps(sign, self.1))
+        }
+    }
+    #[inline(always)]
+    fn times_sign_of(self, b: Self) -> Self {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe {
+            let sign = _mm_set1_ps(-0.0);
+            Self(_mm_xor_ps(self.0, _mm_and_ps(sign, b.0)), _mm_xor_ps(self.1, _mm_and_ps(sign, b.1)))
+        }
+    }
+    #[inline(always)]
+    fn where_le(self, a: Self, b: Self) -> Self {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe { Self(_mm_and_ps(self.0, _mm_cmple_ps(a.0, b.0)), _mm_and_ps(self.1, _mm_cmple_ps(a.1, b.1))) }
     }
     #[inline(always)]
     fn le(self, b: Self) -> u32 {

@@ -114,7 +114,7 @@ pub fn accel_for(world: World, instructions: InstructionSet) -> Accel {
 /// The instruction sets of this processor.
 pub fn all_instructions() -> Vec<InstructionSet> {
     use InstructionSet::*;
-    [Avx2, Sse2, Portable].into_iter().filter(|i| i.is_available()).collect()
+    [Avx512, Avx2, Sse2, Portable].into_iter().filter(|i| i.is_available()).collect()
 }
 
 pub fn closest(accel: &Accel, ray: &Ray) -> Option<Hit> {
