@@ -21,7 +21,7 @@ pub const PILOT_BATCHES: u32 = 4;
 /// A pass at most multiplies a pixel's batches by this.
 pub const GROWTH: u32 = 2;
 /// Predictions are multiplied by this, so that most pixels need one further pass, not two.
-pub const SLACK: f64 = 1.05;
+pub const SLACK: f64 = 1.02;
 /// The normal quantile is widened by this, against the few looks that remain.
 pub const WIDENING: f64 = 1.01;
 /// A neighbour has no say in a pixel's variance where the pixel's own exceeds it by this many standard

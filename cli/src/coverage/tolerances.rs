@@ -204,7 +204,7 @@ fn bounds(effort: &Effort, cells: &[Cell]) -> Vec<Bound> {
             what: format!("samples against the textbook rule where that holds, at most, tolerance {percent}%"),
             found: alike.fold(0.0, f64::max),
             low: 0.0,
-            high: cost_slack + if tolerance == 0.05 { 1.21 } else { 1.4 },
+            high: cost_slack + if tolerance == 0.05 { 1.2 } else { 1.4 },
             goal: Some((0.0, 1.2)),
         });
     }

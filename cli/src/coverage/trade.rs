@@ -38,7 +38,7 @@ fn measure(effort: &Effort) -> Result<Section, Failure> {
     let (as_is, as_is_edges) = (alike(Constants::default()), edges(Constants::default()));
     let is = Constants::default();
     let kinds: [(&str, Vec<(String, Constants)>); 7] = [
-        ("slack of predictions", variants(&[1.0, 1.05, 1.2, 1.5], |slack| Constants { slack, ..is })),
+        ("slack of predictions", variants(&[1.0, 1.02, 1.05, 1.2, 1.5], |slack| Constants { slack, ..is })),
         ("widening", variants(&[1.0, 1.01, 1.05, 1.1], |widening| Constants { widening, ..is })),
         ("widening for few batches", variants(&[0.0, 1.0, 2.0, 4.0], |few| Constants { few, ..is })),
         ("luck", variants(&[0.0, 0.5, 1.0, 2.0], |luck| Constants { luck, ..is })),
