@@ -22,11 +22,14 @@ use crate::{
 #[command(name = "tessera", version, propagate_version = true, max_term_width = 100)]
 pub struct Cli {
     /// What is logged, e.g. `debug` or `worker=debug,info` [default: info for services, warn otherwise]
-    #[arg(long, global = true, env = "RUST_LOG", value_name = "FILTER", help_heading = "Logging")]
+    #[arg(long, global = true, env = "RUST_LOG", value_name = "FILTER", help_heading = "Everywhere")]
     pub log: Option<String>,
     /// How log lines are written: for people, or as one JSON object an event
-    #[arg(long, global = true, env = "TESSERA_LOG_FORMAT", default_value = "text", help_heading = "Logging")]
+    #[arg(long, global = true, env = "TESSERA_LOG_FORMAT", default_value = "text", help_heading = "Everywhere")]
     pub log_format: LogFormat,
+    /// File of settings [default: tessera/config.toml in the user's folder for such files]
+    #[arg(long, global = true, env = "TESSERA_CONFIG", value_name = "FILE", help_heading = "Everywhere")]
+    pub config: Option<PathBuf>,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -82,6 +85,25 @@ pub enum Command {
     /// Measure how fast the parts are
     #[command(subcommand)]
     Bench(BenchCommand),
+    /// Show the settings that hold, and where each is from
+    Config(ConfigArgs),
+    /// Print a script that completes commands in a shell
+    Completions(CompletionsArgs),
+}
+
+/// Options of `config`.
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `completions`.
+#[derive(Debug, Args)]
+pub struct CompletionsArgs {
+    /// The shell
+    pub shell: clap_complete::Shell,
 }
 
 /// What to do with a scene file.
@@ -115,7 +137,11 @@ pub struct SceneConvertArgs {
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     /// A scene file, or a bare mesh file
-    pub scene: PathBuf,
+    #[arg(required_unless_present = "resume")]
+    pub scene: Option<PathBuf>,
+    /// Go on with the render that was interrupted, from the files it kept
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["scene", "data", "pixel"])]
+    pub resume: Option<PathBuf>,
     /// A folder for all images, or one image as FILE.png or FILE.exr
     #[arg(short, long, value_name = "OUT", required_unless_present = "pixel")]
     pub output: Option<PathBuf>,
@@ -126,7 +152,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", requires = "pixel", help_heading = "Replay")]
     pub sample: Option<u32>,
     /// Threads to render with [default: all cores]
-    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=4096))]
+    #[arg(long, value_name = "N", env = "TESSERA_THREADS", value_parser = value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
     /// Keep the coordinator's files here, instead of in a temporary folder
     #[arg(long, value_name = "DIR")]
@@ -185,7 +211,7 @@ pub struct ConnectArgs {
     #[arg(long, env = "TESSERA_COORDINATOR", value_name = "URL", default_value = "http://127.0.0.1:7878")]
     pub coordinator: String,
     /// File that holds the farm's token [default: the variable TESSERA_TOKEN]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", env = "TESSERA_TOKEN_FILE")]
     pub token_file: Option<PathBuf>,
 }
 
@@ -242,7 +268,7 @@ pub struct CoordinatorArgs {
     #[arg(long, value_name = "DIR", default_value = "tessera-data", env = "TESSERA_DATA")]
     pub data: PathBuf,
     /// File that holds the token every request must bring [default: the variable TESSERA_TOKEN]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", env = "TESSERA_TOKEN_FILE")]
     pub token_file: Option<PathBuf>,
     /// Listen on an address that others can reach without asking for a token
     #[arg(long)]
@@ -256,13 +282,13 @@ pub struct WorkerArgs {
     #[command(flatten)]
     pub connect: ConnectArgs,
     /// Threads to render with [default: all cores]
-    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=4096))]
+    #[arg(long, value_name = "N", env = "TESSERA_THREADS", value_parser = value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
     /// Name of this machine, for people [default: its host name]
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", env = "TESSERA_WORKER_NAME")]
     pub name: Option<String>,
     /// Folder to keep the files of scenes in, so that they are fetched once
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", env = "TESSERA_CACHE")]
     pub cache: Option<PathBuf>,
 }
 
@@ -514,11 +540,23 @@ mod tests {
             "soak --samples 1e9 --scenes scenes --scenes a.json --only glass --threads 2 --keep d --json",
             "bench rays m.ply --runs 3 --threads 2 --brute-force --json --resolution 480x360",
             "coverage -o d --page p.md --trials 90 --quick --only simulated",
+            "render --resume d -o out",
+            "config --json --config c.toml",
+            "completions zsh",
         ] {
             let words = ["tessera"].into_iter().chain(line.split(' '));
             assert!(Cli::try_parse_from(words).is_ok(), "{line}");
         }
-        for line in ["render s.json", "render s.json --pixel 1,2", "submit s.json -o out", "job 3", "plan s.json", ""] {
+        for line in [
+            "render s.json",
+            "render -o out",
+            "render s.json --resume d -o out",
+            "render s.json --pixel 1,2",
+            "submit s.json -o out",
+            "job 3",
+            "plan s.json",
+            "",
+        ] {
             let words = ["tessera"].into_iter().chain(line.split_whitespace());
             assert!(Cli::try_parse_from(words).is_err(), "{line}");
         }

@@ -8,15 +8,18 @@ pub mod bench;
 mod bundle;
 mod chart;
 pub mod compare;
+mod config;
 mod continued;
 pub mod coverage;
 mod error;
+mod examples;
 mod farm;
 mod jobs;
 mod output;
 mod parallel;
 mod print;
 mod progress;
+pub mod reference;
 mod render;
 mod replay;
 mod report;
@@ -32,7 +35,8 @@ mod watch;
 use std::{io::IsTerminal, process::ExitCode};
 
 use args::{Cli, Command, LogFormat};
-use clap::{Parser, error::ErrorKind};
+use clap::{CommandFactory, FromArgMatches, error::ErrorKind};
+use config::Config;
 use error::Failure;
 use tracing_subscriber::{EnvFilter, fmt::format::FmtSpan};
 
@@ -41,30 +45,48 @@ use tracing_subscriber::{EnvFilter, fmt::format::FmtSpan};
 /// Exit codes: 0 done, 1 the work, the network or a port failed, 2 the input was wrong, 130 Ctrl-C.
 #[must_use]
 pub fn main() -> ExitCode {
-    match Cli::try_parse() {
-        Ok(cli) => match run(cli) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(failure) => {
-                eprintln!("error: {failure}");
-                failure.code()
-            }
-        },
-        Err(error) => refuse(&error),
+    let ended = match parse(examples::shown(Cli::command())) {
+        Ok(cli) => Config::read(cli.config.as_deref()).map(|config| {
+            // Once more, now that the defaults are known.
+            parse(config.defaults(examples::shown(Cli::command()))).map(|cli| run(cli, &config))
+        }),
+        Err(error) => Ok(Err(error)),
+    };
+    match ended {
+        Ok(Ok(Ok(()))) => ExitCode::SUCCESS,
+        Ok(Err(error)) => refuse(&error),
+        Ok(Ok(Err(failure))) | Err(failure) => {
+            eprintln!("error: {failure}");
+            failure.code()
+        }
     }
 }
 
-fn run(cli: Cli) -> Result<(), Failure> {
+/// Whether the words after `tessera` are a command that it takes.
+///
+/// # Errors
+/// What clap says against them.
+pub fn parses(words: &[&str]) -> Result<(), String> {
+    let words = ["tessera"].iter().chain(words);
+    Cli::command().try_get_matches_from(words).map(drop).map_err(|error| error.to_string())
+}
+
+fn parse(command: clap::Command) -> Result<Cli, clap::Error> {
+    Cli::from_arg_matches(&command.try_get_matches()?)
+}
+
+fn run(cli: Cli, config: &Config) -> Result<(), Failure> {
     let service = matches!(cli.command, Command::Coordinator(_) | Command::Worker(_));
     log(cli.log.as_deref(), cli.log_format, service)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
     let runtime = runtime.map_err(|error| Failure::Work(format!("no threads to work with: {error}")))?;
-    let ended = runtime.block_on(dispatch(cli.command));
+    let ended = runtime.block_on(dispatch(cli.command, config));
     // Rows that are still on the way are of no interest to anybody.
     runtime.shutdown_background();
     ended
 }
 
-async fn dispatch(command: Command) -> Result<(), Failure> {
+async fn dispatch(command: Command, config: &Config) -> Result<(), Failure> {
     match command {
         Command::Render(args) => render::render(args).await,
         Command::Coordinator(args) => services::coordinator(args).await,
@@ -84,6 +106,12 @@ async fn dispatch(command: Command) -> Result<(), Failure> {
         Command::Soak(args) => soak::command(args),
         Command::Coverage(args) => coverage::command(args),
         Command::Bench(command) => bench::command(command),
+        Command::Config(args) => config::show(&args, config),
+        Command::Completions(args) => {
+            let mut script = Vec::new();
+            clap_complete::generate(args.shell, &mut Cli::command(), "tessera", &mut script);
+            print::lines([String::from_utf8_lossy(&script).trim_end().to_string()])
+        }
     }
 }
 

@@ -1,5 +1,7 @@
 //! `tessera render --pixel X,Y --sample N`: one sample again, alone, with the path it took.
 
+use std::path::Path;
+
 use crate::{args::RenderArgs, bundle::Bundle, error::Failure, print, request};
 
 /// Render one sample and print its path. Its radiance has the bits that it has in the image of the same
@@ -7,8 +9,8 @@ use crate::{args::RenderArgs, bundle::Bundle, error::Failure, print, request};
 ///
 /// # Errors
 /// Bad input, or a pixel outside the frame.
-pub fn replay(args: &RenderArgs, pixel: [u32; 2], sample: u32) -> Result<(), Failure> {
-    let mut bundle = Bundle::read(&args.scene)?;
+pub fn replay(args: &RenderArgs, scene: &Path, pixel: [u32; 2], sample: u32) -> Result<(), Failure> {
+    let mut bundle = Bundle::read(scene)?;
     let request = request::of(&args.job, &bundle)?;
     let settings = request::settings(&request, &bundle)?;
     let ([x, y], [w, h]) = (pixel, settings.resolution);

@@ -83,7 +83,7 @@ impl Watch<'_> {
         Ok(())
     }
 
-    /// Wait for Ctrl-C, then write the images as they stand and cancel the job.
+    /// Wait for Ctrl-C, then write the images as they stand and pause the job.
     pub async fn interrupted(&self, id: JobId) -> Failure {
         signals::shutdown().await;
         let mut kept = "";
@@ -94,8 +94,8 @@ impl Watch<'_> {
         {
             kept = "; the images are what was rendered until then";
         }
-        // It is cancelled or the farm is away, in which case nobody can help.
-        let _ = self.farm.act(id, "cancel").await;
+        // It is paused or the farm is away, in which case nobody can help.
+        let _ = self.farm.act(id, "pause").await;
         Failure::Interrupted(kept.into())
     }
 }

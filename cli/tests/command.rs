@@ -9,10 +9,17 @@ use std::{
 use serde_json::Value;
 
 fn tessera(folder: &Path, line: &str) -> Output {
+    with(folder, line, &[])
+}
+
+/// The same with variables set.
+fn with(folder: &Path, line: &str, variables: &[(&str, &str)]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_tessera"));
-    for variable in ["TESSERA_COORDINATOR", "TESSERA_TOKEN", "TESSERA_LISTEN", "TESSERA_DATA", "RUST_LOG"] {
+    for (variable, _) in std::env::vars().filter(|(name, _)| name.starts_with("TESSERA_") || name == "RUST_LOG") {
         command.env_remove(variable);
     }
+    // Nothing comes from the user's own settings.
+    command.env("XDG_CONFIG_HOME", folder).envs(variables.iter().copied());
     command.args(line.split_whitespace()).current_dir(folder).output().unwrap()
 }
 
@@ -70,6 +77,9 @@ fn every_mistake_has_its_sentence_and_exit_code() {
         ("render good.json -o a.jpg", 2, "a.jpg: .jpg images are not written"),
         ("render good.json -o a.png --frames 1-2", 2, "a.png: 1-2 are several frames"),
         ("render good.json", 2, "--output <OUT>"),
+        ("render --resume . -o out", 2, "--resume .: no render was kept there"),
+        ("render --resume . -o out --samples 4", 2, "--resume goes on with what was asked for before"),
+        ("jobs --config absent.toml", 2, "absent.toml: no such file"),
         ("submit good.json --coordinator http://FREE", 1, "http://FREE cannot be reached: connection refused"),
         ("jobs --coordinator http://FREE", 1, "http://FREE cannot be reached: connection refused"),
         ("jobs --coordinator https://FREE", 2, "https is not supported yet"),
@@ -339,4 +349,46 @@ fn a_chart_measures_methods_against_a_reference_that_is_kept() {
     let said = String::from_utf8(small.stderr).unwrap();
     assert_eq!(small.status.code(), Some(2));
     assert!(said.contains("is 24x16 pixels, and the chart is of 8x8"), "{said}");
+}
+
+#[test]
+fn settings_come_from_options_then_variables_then_the_file() {
+    let folder = folder();
+    let path = folder.path().join("tessera");
+    std::fs::create_dir(&path).unwrap();
+    std::fs::write(path.join("config.toml"), "coordinator = \"http://127.0.0.1:1\"\nthreads = 3\n").unwrap();
+    std::fs::write(folder.path().join("other.toml"), "coordinator = \"http://127.0.0.1:3\"\n").unwrap();
+    let variable = ("TESSERA_COORDINATOR", "http://127.0.0.1:2");
+    for (line, variables, port) in [
+        ("jobs", &[][..], 1),
+        ("jobs", &[variable], 2),
+        ("jobs --coordinator http://127.0.0.1:4", &[variable], 4),
+        ("jobs --config other.toml", &[], 3),
+        ("jobs", &[("TESSERA_CONFIG", "other.toml")], 3),
+    ] {
+        let output = with(folder.path(), line, variables);
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(text.contains(&format!("http://127.0.0.1:{port} cannot be reached")), "{line} {variables:?}: {text}");
+    }
+    let shown = with(folder.path(), "config --json", &[variable]);
+    let shown: Value = serde_json::from_slice(&shown.stdout).unwrap();
+    let of = |name: &str| {
+        let all = shown["settings"].as_array().unwrap();
+        let one = all.iter().find(|setting| setting["name"] == name).unwrap();
+        (one["value"].as_str().map(String::from), one["from"].as_str().unwrap().to_string())
+    };
+    assert_eq!(of("coordinator"), (Some(variable.1.into()), variable.0.into()));
+    assert_eq!(of("threads"), (Some("3".into()), "file".into()));
+    assert_eq!(of("cache"), (None, "default".into()));
+    assert_eq!(shown["file_exists"], true);
+}
+
+#[test]
+fn shells_get_a_script_that_knows_the_commands() {
+    let folder = folder();
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = tessera(folder.path(), &format!("completions {shell}"));
+        let script = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success() && script.contains("coordinator") && script.contains("noise"), "{shell}");
+    }
 }

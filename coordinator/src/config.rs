@@ -2,6 +2,9 @@
 
 use std::{net::SocketAddr, path::PathBuf};
 
+/// Name of the record in the data folder.
+pub const STORE: &str = "tessera.sqlite";
+
 /// Settings of a coordinator.
 #[derive(Debug, Clone)]
 pub struct Config {

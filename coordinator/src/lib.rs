@@ -26,7 +26,7 @@ mod time;
 
 use std::sync::Arc;
 
-pub use config::{BadConfig, Config};
+pub use config::{BadConfig, Config, STORE};
 use tokio::net::TcpListener;
 
 /// A coordinator without a socket.

@@ -1,4 +1,4 @@
-use std::{collections::BTreeSet, path::Path};
+use std::collections::BTreeSet;
 
 use tracer::math::Rgb;
 
@@ -100,7 +100,7 @@ fn replay(line: &str) -> String {
 
     let cli = crate::args::Cli::try_parse_from(line.split_whitespace()).unwrap();
     let crate::args::Command::Render(args) = cli.command else { panic!("{line}") };
-    let mut bundle = Bundle::read(Path::new(&args.scene)).unwrap();
+    let mut bundle = Bundle::read(args.scene.as_deref().unwrap()).unwrap();
     let request = crate::request::of(&args.job, &bundle).unwrap();
     let settings = crate::request::settings(&request, &bundle).unwrap();
     let prepared = bundle.load(&request).unwrap().build();

@@ -132,7 +132,7 @@ impl Service {
             }
             std::fs::TryLockError::Error(error) => error.into(),
         })?;
-        let store = SqliteStore::open(&config.data.join("tessera.sqlite")).await?;
+        let store = SqliteStore::open(&config.data.join(crate::STORE)).await?;
         let blobs = Blobs::folder(&config.data.join("assets"))?;
         Self::start(config, Arc::new(store), blobs, Some(folder)).await
     }

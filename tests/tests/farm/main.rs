@@ -1,5 +1,6 @@
 //! Farms of real processes: what they make, and what they survive.
 
+mod interrupt;
 mod kills;
 mod processes;
 mod rest;

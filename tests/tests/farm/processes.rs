@@ -29,9 +29,11 @@ pub fn repository(path: &str) -> PathBuf {
 /// The command `tessera`, with nothing taken from the surroundings.
 pub fn tessera(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_tessera-under-test"));
-    for variable in ["TESSERA_COORDINATOR", "TESSERA_TOKEN", "TESSERA_LISTEN", "TESSERA_DATA", "RUST_LOG"] {
+    for (variable, _) in std::env::vars().filter(|(name, _)| name.starts_with("TESSERA_") || name == "RUST_LOG") {
         command.env_remove(variable);
     }
+    // Nor from the user's settings.
+    command.env("XDG_CONFIG_HOME", "/nonexistent");
     command.args(arguments);
     command
 }
