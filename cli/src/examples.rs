@@ -46,6 +46,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("soak", &["tessera soak --samples 1e8"]),
     ("coverage", &["tessera coverage -o accuracy --quick"]),
     ("bench render", &["tessera bench render scenes/cornell-box.json --samples 64"]),
+    ("bench rays", &["tessera bench rays scenes/shells.json --json"]),
     ("config", &["tessera config", "tessera config --json"]),
     ("completions", &["tessera completions bash"]),
 ];
