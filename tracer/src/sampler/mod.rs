@@ -71,28 +71,45 @@ impl Sampler {
         Stream { kind: self.kind, key, index, batch: self.batch, strata: self.strata }
     }
 
-    /// Whether its numbers are those of [`default_one`] and [`default_two`].
+    /// Whether its numbers are those of [`plain_one`] and [`plain_two`]: Sobol' points in batches of a power of two.
     #[must_use]
-    pub fn is_default(&self) -> bool {
-        self.kind == method::Sampler::Sobol && self.batch == permute::TABLED
+    pub fn is_plain(&self) -> bool {
+        self.kind == method::Sampler::Sobol && self.batch.is_power_of_two()
     }
 }
 
-/// [`Stream::two`] of a stream with these parts, for Sobol' points in batches of 16. Without branches, so
+/// The place of a point in its batch. `TABLED`: batches are of [`permute::TABLED`].
+#[inline(always)]
+fn place<const TABLED: bool>(index: u32, batch: u32, seed: u64) -> u32 {
+    if TABLED {
+        permute::permute16(index, seed as u32)
+    } else {
+        permute::permute_power_of_two(index, batch, seed as u32)
+    }
+}
+
+/// Whether batches have the size whose orders are tabled.
+#[inline(always)]
+#[must_use]
+pub fn is_tabled(batch: u32) -> bool {
+    batch == permute::TABLED
+}
+
+/// [`Stream::two`] of a stream with these parts, for a sampler that [`Sampler::is_plain`]. Without branches, so
 /// that loops over it become vector code.
 #[inline(always)]
 #[must_use]
-pub fn default_two(key: u64, index: u32, dimension: u32) -> Vec2 {
+pub fn plain_two<const TABLED: bool>(key: u64, index: u32, batch: u32, dimension: u32) -> Vec2 {
     let seed = hash::dimension(key, dimension);
-    sobol::two(permute::permute16(index, seed as u32), seed)
+    sobol::two(place::<TABLED>(index, batch, seed), seed)
 }
 
 /// [`Stream::one`] of the same stream.
 #[inline(always)]
 #[must_use]
-pub fn default_one(key: u64, index: u32, dimension: u32) -> f32 {
+pub fn plain_one<const TABLED: bool>(key: u64, index: u32, batch: u32, dimension: u32) -> f32 {
     let seed = hash::dimension(key, dimension);
-    sobol::one(permute::permute16(index, seed as u32), seed)
+    sobol::one(place::<TABLED>(index, batch, seed), seed)
 }
 
 impl Stream {

@@ -55,35 +55,43 @@ pub(super) fn permute16(i: u32, seed: u32) -> u32 {
 /// Kensler 2013, "Correlated Multi-Jittered Sampling", listing 2.
 #[inline]
 fn kensler(mut i: u32, n: u32, seed: u32) -> u32 {
-    let mut w = n - 1;
-    w |= w >> 1;
-    w |= w >> 2;
-    w |= w >> 4;
-    w |= w >> 8;
-    w |= w >> 16;
+    let w = n.next_power_of_two() - 1;
     loop {
-        i ^= seed;
-        i = i.wrapping_mul(0xE170_893D);
-        i ^= seed >> 16;
-        i ^= (i & w) >> 4;
-        i ^= seed >> 8;
-        i = i.wrapping_mul(0x0929_EB3F);
-        i ^= seed >> 23;
-        i ^= (i & w) >> 1;
-        i = i.wrapping_mul(1 | (seed >> 27));
-        i = i.wrapping_mul(0x6935_FA69);
-        i ^= (i & w) >> 11;
-        i = i.wrapping_mul(0x74DC_B303);
-        i ^= (i & w) >> 2;
-        i = i.wrapping_mul(0x9E50_1CC3);
-        i ^= (i & w) >> 2;
-        i = i.wrapping_mul(0xC860_A3DF);
-        i &= w;
-        i ^= i >> 5;
+        i = stir(i, w, seed);
         if i < n {
             return (u64::from(i) + u64::from(seed)).rem_euclid(u64::from(n)) as u32;
         }
     }
+}
+
+/// The same where `n` is a power of two. Without branches, so that loops over it become vector code.
+#[inline(always)]
+pub(super) fn permute_power_of_two(i: u32, n: u32, seed: u32) -> u32 {
+    stir(i, n - 1, seed).wrapping_add(seed) & (n - 1)
+}
+
+/// A permutation of 0 to `w`, which is a power of two less one.
+#[inline(always)]
+fn stir(mut i: u32, w: u32, seed: u32) -> u32 {
+    i ^= seed;
+    i = i.wrapping_mul(0xE170_893D);
+    i ^= seed >> 16;
+    i ^= (i & w) >> 4;
+    i ^= seed >> 8;
+    i = i.wrapping_mul(0x0929_EB3F);
+    i ^= seed >> 23;
+    i ^= (i & w) >> 1;
+    i = i.wrapping_mul(1 | (seed >> 27));
+    i = i.wrapping_mul(0x6935_FA69);
+    i ^= (i & w) >> 11;
+    i = i.wrapping_mul(0x74DC_B303);
+    i ^= (i & w) >> 2;
+    i = i.wrapping_mul(0x9E50_1CC3);
+    i ^= (i & w) >> 2;
+    i = i.wrapping_mul(0xC860_A3DF);
+    i &= w;
+    i ^= i >> 5;
+    i
 }
 
 #[cfg(test)]
@@ -97,6 +105,15 @@ mod tests {
                 let mut seen = vec![false; n as usize];
                 (0..n).for_each(|i| seen[permute(i, n, seed) as usize] = true);
                 assert!(seen.iter().all(|&s| s), "{n} {seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn powers_of_two_need_no_second_try() {
+        for n in [1, 2, 4, 8, 16, 64, 4096] {
+            for seed in (0..300).map(|i: u32| i.wrapping_mul(0x9E37_79B9)) {
+                assert!((0..n).all(|i| permute_power_of_two(i, n, seed) == kensler(i, n, seed)), "{n} {seed}");
             }
         }
     }

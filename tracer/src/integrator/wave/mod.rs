@@ -121,8 +121,8 @@ impl Integrator<'_> {
             (fresh.x[i], fresh.y[i], fresh.key[i], fresh.index[i]) = (x as f32, y as f32, key, index);
         }
         let camera = self.scene.camera();
-        if camera.is_plain() && sampler.is_default() {
-            stages::camera_rays(wave.proven, &mut wave.fresh, n, camera);
+        if camera.is_plain() && sampler.is_plain() {
+            stages::camera_rays(wave.proven, &mut wave.fresh, n, camera, sampler.batch());
         } else {
             for (i, &[x, y, _]) in requests.iter().enumerate() {
                 let stream = sampler.resume(wave.fresh.key[i], wave.fresh.index[i]);
@@ -375,8 +375,8 @@ impl Integrator<'_> {
                 self.wave_scatter_other(wave, sampler, came, i);
             }
         }
-        if self.roulette == Roulette::Throughput && sampler.is_default() {
-            stages::roulette(wave.proven, wave, FIRST);
+        if self.roulette == Roulette::Throughput && sampler.is_plain() {
+            stages::roulette(wave.proven, wave, FIRST, sampler.batch());
             for i in lanes_of(mask_of(&wave.ended)) {
                 wave.end(i, false);
             }

@@ -8,7 +8,7 @@ use crate::{
     lanes::{Flag, NO, YES, covering, stage},
     light::Lamp,
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
-    sampler::{default_one, default_two},
+    sampler::{is_tabled, plain_one, plain_two},
 };
 
 stage! {
@@ -43,26 +43,44 @@ stage! {
 }
 
 stage! {
-    /// Rays of a plain camera, with numbers of the default sampler, for the first `n` paths that begin.
-    pub(super) fn camera_rays(fresh: &mut Fresh, n: usize, camera: &Camera) {
-        let camera = *camera;
-        for i in 0..covering(n) {
-            let u = default_two(fresh.key[i], fresh.index[i], dimension::FILM);
-            let ray = camera.plain_ray(fresh.x[i], fresh.y[i], u);
-            fresh.origin.set(i, ray.origin);
-            fresh.direction.set(i, ray.direction);
-            fresh.t_max[i] = ray.t_max;
+    /// Rays of a plain camera, with numbers of a plain sampler, for the first `n` paths that begin.
+    pub(super) fn camera_rays(fresh: &mut Fresh, n: usize, camera: &Camera, batch: u32) {
+        if is_tabled(batch) {
+            camera_rays_by::<true>(fresh, n, camera, batch);
+        } else {
+            camera_rays_by::<false>(fresh, n, camera, batch);
         }
     }
 }
 
+#[inline(always)]
+fn camera_rays_by<const TABLED: bool>(fresh: &mut Fresh, n: usize, camera: &Camera, batch: u32) {
+    let camera = *camera;
+    for i in 0..covering(n) {
+        let u = plain_two::<TABLED>(fresh.key[i], fresh.index[i], batch, dimension::FILM);
+        let ray = camera.plain_ray(fresh.x[i], fresh.y[i], u);
+        fresh.origin.set(i, ray.origin);
+        fresh.direction.set(i, ray.direction);
+        fresh.t_max[i] = ray.t_max;
+    }
+}
+
 stage! {
-    /// A pair of numbers for decision `which` of each path, of the default sampler.
-    pub(super) fn draw_two(w: &mut Wave, which: u32) {
-        for i in 0..covering(w.n) {
-            let u = default_two(w.key[i], w.index[i], dimension::at(w.depth[i], which));
-            (w.u[0][i], w.u[1][i]) = (u.x, u.y);
+    /// A pair of numbers for decision `which` of each path, of a plain sampler.
+    pub(super) fn draw_two(w: &mut Wave, which: u32, batch: u32) {
+        if is_tabled(batch) {
+            draw_two_by::<true>(w, which, batch);
+        } else {
+            draw_two_by::<false>(w, which, batch);
         }
+    }
+}
+
+#[inline(always)]
+fn draw_two_by<const TABLED: bool>(w: &mut Wave, which: u32, batch: u32) {
+    for i in 0..covering(w.n) {
+        let u = plain_two::<TABLED>(w.key[i], w.index[i], batch, dimension::at(w.depth[i], which));
+        (w.u[0][i], w.u[1][i]) = (u.x, u.y);
     }
 }
 
@@ -174,18 +192,28 @@ stage! {
 }
 
 stage! {
-    /// Roulette by throughput, with numbers of the default sampler.
-    pub(super) fn roulette(w: &mut Wave, after: u32) {
-        for i in 0..covering(w.n) {
-            let throughput = w.throughput.at(i);
-            let left = throughput * w.eta2[i];
-            let (xy, z) = (select(left.x > left.y, left.x, left.y), left.z);
-            let q = select(xy > z, xy, z);
-            let u = default_one(w.key[i], w.index[i], dimension::at(w.depth[i], dimension::ROULETTE));
-            let plays = (w.alive[i] == YES) & (w.depth[i] + 1 > after) & (q < 1.0);
-            w.ended[i] = Flag::from(plays & (u >= q));
-            w.throughput.set(i, select3(plays, throughput / q, throughput));
+    /// Roulette by throughput, with numbers of a plain sampler.
+    pub(super) fn roulette(w: &mut Wave, after: u32, batch: u32) {
+        if is_tabled(batch) {
+            roulette_by::<true>(w, after, batch);
+        } else {
+            roulette_by::<false>(w, after, batch);
         }
+    }
+}
+
+#[inline(always)]
+fn roulette_by<const TABLED: bool>(w: &mut Wave, after: u32, batch: u32) {
+    for i in 0..covering(w.n) {
+        let throughput = w.throughput.at(i);
+        let left = throughput * w.eta2[i];
+        let (xy, z) = (select(left.x > left.y, left.x, left.y), left.z);
+        let q = select(xy > z, xy, z);
+        let dimension = dimension::at(w.depth[i], dimension::ROULETTE);
+        let u = plain_one::<TABLED>(w.key[i], w.index[i], batch, dimension);
+        let plays = (w.alive[i] == YES) & (w.depth[i] + 1 > after) & (q < 1.0);
+        w.ended[i] = Flag::from(plays & (u >= q));
+        w.throughput.set(i, select3(plays, throughput / q, throughput));
     }
 }
 

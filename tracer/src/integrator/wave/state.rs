@@ -296,8 +296,8 @@ impl Wave {
 
     /// A pair of numbers for each path, into `u`: those of decision `which` at its vertex.
     pub(super) fn draw_two(&mut self, sampler: &Sampler, which: u32) {
-        if sampler.is_default() {
-            stages::draw_two(self.proven, self, which);
+        if sampler.is_plain() {
+            stages::draw_two(self.proven, self, which, sampler.batch());
         } else {
             for i in lanes_of(self.active()) {
                 let u = self.stream(sampler, i).two(dimension::at(self.depth[i], which));
