@@ -42,8 +42,10 @@ macro_rules! choice {
 choice!(
     /// How direct light is estimated at a hit.
     Direct {
-        /// Chosen from the scene's facts.
+        /// Chosen from the scene's facts and a pilot.
         Auto = "auto",
+        /// BSDF sampling alone: paths find light by running into it.
+        Bsdf = "bsdf",
         /// Uniform directions over the hemisphere; light is found by chance.
         Hemisphere = "hemisphere",
         /// Next-event estimation: points on lights, no BSDF sampling of lights.
@@ -138,6 +140,9 @@ choice!(
     Roulette {
         /// By throughput times eta^2, after the third bounce.
         Throughput = "throughput",
+        /// The same, but only paths whose throughput times eta^2 is below [`LATE_ROULETTE_WEIGHT`]: they live
+        /// longer, and differ less in what they carry.
+        Late = "late",
         /// With a fixed probability of 0.3 at every bounce; the textbook form.
         Fixed = "fixed",
         /// Never: paths end at `max_depth`.
@@ -157,6 +162,8 @@ choice!(
     }
 );
 
+/// What roulette brings the throughput of a path that survives to, under [`Roulette::Late`].
+pub const LATE_ROULETTE_WEIGHT: f32 = 0.4;
 /// Probability with which a path survives each bounce under [`Roulette::Fixed`].
 pub const FIXED_ROULETTE_SURVIVAL: f32 = 0.7;
 

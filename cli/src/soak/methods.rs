@@ -5,7 +5,7 @@ use common::method::{Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roule
 use crate::args::JobOptions;
 
 /// Methods a scene is taken through.
-pub const COUNT: usize = 12;
+pub const COUNT: usize = 15;
 
 /// Longest paths: cut short before, at and after each special case of the integrator, and long.
 const DEPTHS: [u32; 4] = [4, 1, 2, 12];

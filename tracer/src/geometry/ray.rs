@@ -49,7 +49,7 @@ impl Hit {
     pub const NO_INSTANCE: u32 = u32::MAX;
 }
 
-/// What finding hits has cost so far.
+/// What rendering has cost so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Rays traced, shadow rays included.
@@ -58,6 +58,8 @@ pub struct Counters {
     pub node_tests: u64,
     /// Primitives tested; a pack of eight triangles counts as eight.
     pub primitive_tests: u64,
+    /// Vertices at which paths were shaded, to go on or to gather light.
+    pub vertices: u64,
 }
 
 impl std::ops::AddAssign for Counters {
@@ -65,5 +67,6 @@ impl std::ops::AddAssign for Counters {
         self.rays += other.rays;
         self.node_tests += other.node_tests;
         self.primitive_tests += other.primitive_tests;
+        self.vertices += other.vertices;
     }
 }

@@ -23,6 +23,7 @@ impl Integrator<'_> {
             return Rgb::ZERO;
         }
         match self.direct {
+            Strategy::Bsdf => Rgb::ZERO,
             Strategy::Hemisphere => self.by_hemisphere::<FULL>(shading, depth, stream, counters),
             Strategy::Light | Strategy::Mis => self.by_light::<FULL>(shading, depth, stream, counters),
         }

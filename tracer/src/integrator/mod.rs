@@ -66,9 +66,22 @@ pub struct Integrator<'a> {
 /// How direct light is estimated; [`Direct`] with `auto` decided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Strategy {
+    Bsdf,
     Hemisphere,
     Light,
     Mis,
+}
+
+impl Strategy {
+    /// Whether light that a scattered ray runs into counts.
+    fn rays_find_light(self) -> bool {
+        matches!(self, Strategy::Bsdf | Strategy::Mis)
+    }
+
+    /// Whether light is sampled at vertices.
+    fn samples_lights(self) -> bool {
+        matches!(self, Strategy::Light | Strategy::Mis)
+    }
 }
 
 /// The code that fits the scene: each is compiled apart, without what it does not need.
@@ -139,6 +152,7 @@ impl<'a> Integrator<'a> {
             max_depth: method.max_depth.min(counted.1),
             counted,
             direct: match method.direct {
+                Direct::Bsdf => Strategy::Bsdf,
                 Direct::Hemisphere => Strategy::Hemisphere,
                 Direct::Light => Strategy::Light,
                 // Light that no ray can hit leaves nothing to weigh.
@@ -215,12 +229,13 @@ impl<'a> Integrator<'a> {
                 known = depth == 0 && !(FULL && self.scene.facts().opacity);
                 break End::Depth;
             }
+            counters.vertices += 1;
             radiance += throughput * self.direct::<FULL>(&shading, depth, stream, counters);
 
             // The next segment is worth tracing if the path may go on from its end, or if light that its
             // end gives is counted there.
             let next = depth + 1;
-            let delta_only = next == self.max_depth && self.direct != Strategy::Mis;
+            let delta_only = next == self.max_depth && !self.direct.rays_find_light();
             if delta_only && !self.scene.facts().delta {
                 break End::Depth;
             }
@@ -252,6 +267,7 @@ impl<'a> Integrator<'a> {
             }
             arrival = match self.direct {
                 _ if sample.delta => Arrival::Only,
+                Strategy::Bsdf => Arrival::Only,
                 Strategy::Mis => Arrival::Sampled { pdf: sample.pdf, from: shading.reference },
                 Strategy::Light | Strategy::Hemisphere => Arrival::Counted,
             };

@@ -1,6 +1,6 @@
 //! When a path may end at random, and how likely it is to go on.
 
-use common::method::{FIXED_ROULETTE_SURVIVAL, Roulette};
+use common::method::{FIXED_ROULETTE_SURVIVAL, LATE_ROULETTE_WEIGHT, Roulette};
 
 use crate::math::Rgb;
 
@@ -10,18 +10,24 @@ pub(super) const FIRST: u32 = 3;
 /// Probability of going on after `depth` scatterings with this throughput (times eta^2); `None`: for certain.
 ///
 /// Never above 1, and never below what the throughput has left: dividing by it brings the throughput to 1 at
-/// most, so no path grows brighter than it began.
+/// most, so no path grows brighter than it began. Work and variance are in balance where all survivors carry
+/// about the same (a weight window, Booth and Hendricks 1984); which weight is best depends on the scene.
 #[inline]
 #[must_use]
 pub fn survival(rule: Roulette, depth: u32, throughput: Rgb) -> Option<f32> {
     match rule {
         Roulette::Off => None,
         Roulette::Fixed => Some(FIXED_ROULETTE_SURVIVAL),
-        Roulette::Throughput => {
-            let most = throughput.max_element();
-            (depth > FIRST && most < 1.0).then_some(most)
-        }
+        Roulette::Throughput => below(1.0, depth, throughput),
+        Roulette::Late => below(LATE_ROULETTE_WEIGHT, depth, throughput),
     }
+}
+
+/// Survival that brings throughput below `weight` up to it.
+#[inline]
+fn below(weight: f32, depth: u32, throughput: Rgb) -> Option<f32> {
+    let share = throughput.max_element() / weight;
+    (depth > FIRST && share < 1.0).then_some(share)
 }
 
 #[cfg(test)]
@@ -34,6 +40,9 @@ mod tests {
         assert_eq!(survival(Roulette::Throughput, 3, dim), None);
         assert_eq!(survival(Roulette::Throughput, 4, dim), Some(0.4));
         assert_eq!(survival(Roulette::Throughput, 9, Rgb::new(0.1, 1.0, 3.0)), None);
+        assert_eq!(survival(Roulette::Late, 4, dim), None);
+        assert_eq!(survival(Roulette::Late, 4, 0.5 * dim), Some(0.5));
+        assert_eq!(survival(Roulette::Late, 3, 0.5 * dim), None);
         assert_eq!(survival(Roulette::Fixed, 1, Rgb::ONE), Some(0.7));
         assert_eq!(survival(Roulette::Off, 100, dim), None);
     }

@@ -157,7 +157,9 @@ fn a_white_furnace_has_no_variance() {
 fn methods_agree_with_each_other() {
     let scene = room();
     let reference = render(&scene, &Method::default(), samples(1024), 16);
-    let cases: [(&str, Method); 13] = [
+    let cases: [(&str, Method); 15] = [
+        ("bsdf", with(|m| m.direct = Direct::Bsdf)),
+        ("late roulette", with(|m| m.roulette = Roulette::Late)),
         ("hemisphere", with(|m| m.direct = Direct::Hemisphere)),
         ("hemisphere, 3 directions", with(|m| (m.direct, m.light_samples) = (Direct::Hemisphere, 3))),
         ("light", with(|m| m.direct = Direct::Light)),
@@ -182,7 +184,7 @@ fn methods_agree_with_each_other() {
 #[test]
 fn parts_of_the_light_transport_add_up() {
     let scene = room();
-    for direct in [Direct::Hemisphere, Direct::Light, Direct::Mis] {
+    for direct in [Direct::Bsdf, Direct::Hemisphere, Direct::Light, Direct::Mis] {
         let image = |only, max_depth| {
             let method = with(|m| (m.direct, m.only, m.max_depth) = (direct, only, max_depth));
             render(&scene, &method, samples(16), 16).film.moments
@@ -218,7 +220,7 @@ fn roulette_keeps_the_energy_of_long_paths() {
         "materials": { "wall": { "type": "diffuse", "reflectance": 0.99 } },
         "shapes": [{ "type": "sphere", "material": "wall", "radius": 2, "emission": { "radiance": 1, "two_sided": true } }]
     }));
-    for (roulette, n) in [(Roulette::Throughput, 256), (Roulette::Off, 64)] {
+    for (roulette, n) in [(Roulette::Throughput, 256), (Roulette::Late, 128), (Roulette::Off, 64)] {
         let image = render(&scene, &with(|m| (m.roulette, m.max_depth) = (roulette, 1000)), samples(n), 16);
         let (mean, error) = image.mean_and_error();
         assert!((mean - 100.0).abs() <= 4.5 * error + 0.005, "{roulette}: {mean} ± {error}");

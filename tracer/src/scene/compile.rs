@@ -486,9 +486,10 @@ impl<'a> Compiler<'a> {
         if facts.lights == 0 {
             self.warnings.push("no light in the scene: the image will be black".into());
         }
-        if facts.delta_lights && self.method.direct == Direct::Hemisphere {
+        let method = self.method.direct;
+        if facts.delta_lights && matches!(method, Direct::Bsdf | Direct::Hemisphere) {
             self.warnings
-                .push("--direct hemisphere finds no light without a surface: point, spot and directional".into());
+                .push(format!("--direct {method} finds no light without a surface: point, spot and directional"));
         }
         let sources = LightSources { areas: self.areas, deltas, environment, scene_radius: scene_radius(&self.world) };
         let lights = Lights::build(sources, self.method);

@@ -92,7 +92,8 @@ impl Integrator<'_> {
                     wave.end(i, wave.depth[i] == 0);
                 }
             }
-            if !self.scene.lights().is_dark() {
+            counters.vertices += u64::from(wave.active().count_ones());
+            if self.direct.samples_lights() && !self.scene.lights().is_dark() {
                 self.wave_direct(wave, sampler, counters);
             }
             self.wave_scatter(wave, sampler);
@@ -356,8 +357,12 @@ impl Integrator<'_> {
 
     /// Go on along sampled directions.
     fn wave_scatter(&self, wave: &mut Wave, sampler: &Sampler) {
-        let delta_only = self.direct != Strategy::Mis;
-        let came = if delta_only { Came::Counted } else { Came::Sampled };
+        let delta_only = !self.direct.rays_find_light();
+        let came = match self.direct {
+            Strategy::Mis => Came::Sampled,
+            Strategy::Bsdf => Came::Only,
+            Strategy::Light | Strategy::Hemisphere => Came::Counted,
+        };
         // Of Lambert's law nothing is looked for after so many scatterings.
         let last = if delta_only { self.max_depth } else { u32::MAX };
         wave.draw_two(sampler, dimension::DIRECTION);
@@ -389,7 +394,7 @@ impl Integrator<'_> {
     /// A direction of a material that the stages do not know.
     fn wave_scatter_other(&self, wave: &mut Wave, sampler: &Sampler, came: Came, i: usize) {
         let depth = wave.depth[i];
-        let last = depth + 1 == self.max_depth && self.direct != Strategy::Mis;
+        let last = depth + 1 == self.max_depth && !self.direct.rays_find_light();
         if last && !self.scene.facts().delta {
             return wave.end(i, false);
         }
