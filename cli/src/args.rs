@@ -69,6 +69,8 @@ pub enum Command {
     Continue(ContinueArgs),
     /// List the workers of a farm
     Workers(FarmArgs),
+    /// Show what a scene needs, which methods serve it, and which is chosen
+    Plan(PlanArgs),
     /// Check and convert scene files
     #[command(subcommand)]
     Scene(SceneCommand),
@@ -104,6 +106,19 @@ pub struct ConfigArgs {
 pub struct CompletionsArgs {
     /// The shell
     pub shell: clap_complete::Shell,
+}
+
+/// Options of `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// A scene file, or a bare mesh file
+    pub scene: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// What would be rendered.
+    #[command(flatten)]
+    pub job: JobOptions,
 }
 
 /// What to do with a scene file.

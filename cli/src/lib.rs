@@ -17,6 +17,7 @@ mod farm;
 mod jobs;
 mod output;
 mod parallel;
+mod plan;
 mod print;
 mod progress;
 pub mod reference;
@@ -101,6 +102,7 @@ async fn dispatch(command: Command, config: &Config) -> Result<(), Failure> {
         Command::Workers(args) => jobs::workers(args).await,
         Command::Scene(command) => scene::scene(command),
         Command::Chart(args) => chart::command(&args),
+        Command::Plan(args) => plan::plan(&args),
         Command::Compare(args) => compare::command(&args),
         Command::Stability(args) => Ok(stability::command(args)?),
         Command::Soak(args) => soak::command(args),

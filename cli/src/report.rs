@@ -5,6 +5,7 @@ use std::path::Path;
 use common::{
     adaptive::FRAME_SHARE,
     job::{JobId, JobState, Quality},
+    plan::MethodPlan,
     protocol::JobView,
 };
 use serde::Serialize;
@@ -26,6 +27,9 @@ pub struct Report {
     pub frames: usize,
     /// How exact the picture had to be.
     pub quality: Quality,
+    /// What the scene needs and how the method was chosen; absent where the method was named, or the frame too
+    /// small for a trial.
+    pub plan: Option<MethodPlan>,
     /// Camera samples.
     pub samples: Samples,
     /// Rays traced, of all kinds.
@@ -135,6 +139,7 @@ impl Report {
             resolution: job.resolution,
             frames: job.frames.len(),
             quality: job.quality.clone(),
+            plan: job.plan.clone(),
             samples: Samples {
                 total: job.samples,
                 mean: job.samples as f64 / pixels.max(1.0),
@@ -248,6 +253,7 @@ pub(crate) mod tests {
             tags: Vec::new(),
             seed: 0,
             tracer: None,
+            plan: None,
             created_at: String::new(),
             finished_at: None,
             wall_seconds: Some(2.0),

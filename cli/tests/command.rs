@@ -109,6 +109,7 @@ fn every_mistake_has_its_sentence_and_exit_code() {
         ("compare file file -o diff.jpg", 2, "--output diff.jpg: expected a name that ends in .png"),
         ("job 17 --coordinator http://FREE", 2, "\"17\" is not of the form jNUMBER"),
         ("scene check good.json --log =", 2, "--log"),
+        ("plan mesh.json", 2, "shapes[1].file"),
         ("bench render mesh.json", 2, "shapes[1].file"),
         ("bench render good.json --noise 0.1", 2, "bench render: the target is --samples alone"),
         ("bench render good.json --crop 0,0,8,8", 2, "--crop"),
@@ -391,4 +392,37 @@ fn shells_get_a_script_that_knows_the_commands() {
         let script = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success() && script.contains("coordinator") && script.contains("noise"), "{shell}");
     }
+}
+
+#[test]
+fn a_method_left_open_is_chosen_once_reported_and_has_the_bytes_of_the_same_method_named() {
+    let folder = folder();
+    let options = "--resolution 128x128 --samples 4 --threads 2 --json";
+    let run = |line: &str| {
+        let output = tessera(folder.path(), line);
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let plan = run(&format!("plan good.json {options}").replace(" --threads 2", ""));
+    let open = run(&format!("render good.json -o open {options}"));
+    assert_eq!(open["plan"], plan, "the trial of `plan` is that of the farm");
+    assert!(plan["considered"].as_array().unwrap().len() > 2, "{plan}");
+    assert_eq!(plan["facts"]["delta"], false);
+    let method = &plan["method"];
+    let named: Vec<String> = ["direct", "light_sampling", "light_samples", "roulette"]
+        .iter()
+        .map(|name| {
+            let value = &method[name];
+            let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            format!("--{} {value}", name.replace('_', "-"))
+        })
+        .collect();
+    let closed = run(&format!("render good.json -o closed {options} {}", named.join(" ")));
+    assert_eq!(closed["plan"], Value::Null, "nothing was left open");
+    let image = |folder_name: &str| std::fs::read(folder.path().join(folder_name).join("frame-0001.exr")).unwrap();
+    assert!(image("open") == image("closed"));
+
+    let said = tessera(folder.path(), "plan good.json --resolution 128x128");
+    let said = String::from_utf8(said.stdout).unwrap();
+    assert!(said.contains("has not") && said.contains("* ") && said.contains("efficiency"), "{said}");
 }

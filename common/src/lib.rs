@@ -10,6 +10,7 @@ pub mod job;
 pub mod mesh;
 pub mod method;
 pub mod pass;
+pub mod plan;
 pub mod protocol;
 pub mod result;
 pub mod scene;

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::plan::Trial;
+
 /// Samples of one batch where nothing else is asked for: one scrambled Sobol' set of this size.
 pub const BATCH: u32 = 16;
 
@@ -34,7 +36,15 @@ pub enum Work {
         /// Stop at this many samples in any case.
         max_samples: u32,
     },
+    /// No pixels: the scene's facts and the choice of a method, a [`crate::protocol::Preparation`].
+    Prepare {
+        /// What is open.
+        trial: Trial,
+    },
 }
+
+/// The pass of the unit that prepares a job. It has the rectangle of the first frame's first tile.
+pub const PREPARE_PASS: u32 = u32::MAX;
 
 impl Work {
     /// Most samples any pixel may get from this work.
@@ -44,6 +54,7 @@ impl Work {
             Work::Uniform { samples, .. } => u64::from(*samples),
             Work::PerPixel { batches, .. } => u64::from(batches.iter().copied().max().unwrap_or(0)) * u64::from(batch),
             Work::Textbook { max_samples, .. } => u64::from(*max_samples),
+            Work::Prepare { .. } => 0,
         }
     }
 

@@ -11,6 +11,7 @@ use crate::{
     job::{JobId, JobState, LeaseId, Quality, WorkerId},
     method::Method,
     pass::Work,
+    plan::MethodPlan,
     tile::Rect,
 };
 
@@ -93,6 +94,19 @@ pub struct Heartbeat {
     #[serde(default)]
     pub prepared: Vec<(AssetHash, u32)>,
 }
+
+/// The result of a unit that prepares a job, in the place of pixels: zstd over JSON.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Preparation {
+    /// What the scene needs and which method was chosen.
+    pub plan: MethodPlan,
+    /// Processor seconds that this took.
+    pub cpu_seconds: f64,
+}
+
+/// Most bytes of a [`Preparation`], unpacked.
+pub const MAX_PREPARATION: usize = 1 << 20;
 
 /// `POST /leases/{lease}/fail`: units that will not be rendered under this lease.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -288,6 +302,10 @@ pub struct JobView {
     pub quality: Quality,
     /// How light is estimated.
     pub method: Method,
+    /// What the scene needs and how the method was chosen; absent until a worker has prepared the job, and of
+    /// jobs that name their method or have a frame too small for that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan: Option<MethodPlan>,
     /// 0 (last) to 100 (first).
     pub priority: u8,
     /// Free words.

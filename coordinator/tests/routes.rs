@@ -6,7 +6,15 @@ use axum::{
     body::Body,
     http::{Method, Request, StatusCode, header},
 };
-use common::{hash::AssetHash, job::JobState};
+use common::{
+    hash::AssetHash,
+    job::JobState,
+    method::Direct,
+    pass::Work,
+    plan::{Facts, MethodPlan},
+    protocol::Preparation,
+    tile::Rect,
+};
 use coordinator::{App, Config, build_app};
 use futures::StreamExt;
 use serde_json::{Value, json};
@@ -492,4 +500,55 @@ async fn figures_are_in_the_text_format_of_prometheus() {
         let (_, value) = line.rsplit_once(' ').unwrap();
         assert!(value.parse::<f64>().is_ok(), "{line}");
     }
+}
+
+#[tokio::test]
+async fn a_job_that_leaves_the_method_open_is_prepared_first_and_keeps_what_was_chosen() {
+    let (folder, app) = fresh().await;
+    let body = |method: Value| {
+        let quality = json!({ "target": "samples", "samples": 64 });
+        json!({ "scene": scene(), "resolution": [128, 128], "quality": quality, "method": method })
+    };
+    let id = submit(&app, body(json!({}))).await.id;
+    let worker = Worker::register(&app, "a").await;
+    let lease = worker.lease(&app).await.unwrap();
+    let [unit] = &lease.units[..] else { panic!("{lease:?}") };
+    let Work::Prepare { trial } = &unit.work else { panic!("{unit:?}") };
+    assert_eq!(trial.region, Rect::frame(128, 128));
+    assert!(worker.lease(&app).await.is_none(), "nothing is rendered before");
+
+    let path = format!("/api/v1/leases/{}/units/{}", lease.id, unit.id);
+    refused(&put(&app, &path, compress(b"{}")).await, 422, "invalid", None, "missing field");
+    assert_eq!(job(&app, id).await.plan, None);
+    let again = worker.lease(&app).await.unwrap();
+    assert_eq!((&again.units, again.settings.method.direct), (&lease.units, Direct::Auto));
+    let method = common::method::Method {
+        direct: Direct::Light,
+        // Not the worker's to choose.
+        max_depth: 1,
+        ..again.settings.method.clone()
+    };
+    let (facts, kernel) = (Facts { lights: 2, ..Facts::default() }, vec!["made up".into()]);
+    let plan = MethodPlan { facts, chosen: "light".into(), method, kernel, untried: None, considered: Vec::new() };
+    let sent = serde_json::to_vec(&Preparation { plan: plan.clone(), cpu_seconds: 0.5 }).unwrap();
+    let path = format!("/api/v1/leases/{}/units/{}", again.id, unit.id);
+    for counted in [true, false] {
+        let answer = put(&app, &path, compress(&sent)).await;
+        assert_eq!((answer.status, answer.json()["counted"].as_bool()), (StatusCode::OK, Some(counted)));
+    }
+    let seen = job(&app, id).await;
+    assert_eq!((seen.method.direct, seen.method.max_depth), (Direct::Light, 16));
+    assert_eq!(seen.plan.unwrap().facts, plan.facts);
+    drop(app);
+    let app = open(folder.path()).await;
+    let worker = Worker::register(&app, "b").await;
+    let lease = worker.lease(&app).await.unwrap();
+    assert!(lease.units.iter().all(|unit| matches!(unit.work, Work::Uniform { .. })), "{lease:?}");
+    assert_eq!(lease.settings.method.direct, Direct::Light, "also after a restart");
+    worker.work(&app, usize::MAX).await;
+
+    let named = submit(&app, body(json!({ "direct": "mis" }))).await.id;
+    call(&app, Method::POST, &format!("/api/v1/jobs/{id}/cancel"), Body::empty()).await;
+    let lease = worker.lease(&app).await.unwrap();
+    assert!(lease.units.iter().all(|unit| unit.id.job == named && matches!(unit.work, Work::Uniform { .. })));
 }

@@ -14,6 +14,7 @@ pub mod light;
 pub mod material;
 pub mod math;
 pub mod microfacet;
+pub mod pilot;
 pub mod sampler;
 pub mod scene;
 #[cfg(test)]

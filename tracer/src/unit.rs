@@ -73,6 +73,14 @@ impl Prepared {
         self.0.facts()
     }
 
+    /// The same scene for `method`, which may differ from the one it was loaded for, `old`, in how lights are
+    /// chosen and sampled and how paths go; `None` where more than that depends on it. Geometry and materials
+    /// are shared.
+    #[must_use]
+    pub fn with_method(&self, old: &Method, method: &Method) -> Option<Self> {
+        self.0.with_method(old, method).map(Self)
+    }
+
     /// The scene itself, for measurements.
     #[must_use]
     pub fn scene(&self) -> &Scene {
@@ -213,7 +221,7 @@ impl<'a> UnitRender<'a> {
                 let batch = self.sampler.batch();
                 (first[index] * batch, batches[index] * batch)
             }
-            Work::Textbook { .. } => (0, 0),
+            Work::Textbook { .. } | Work::Prepare { .. } => (0, 0),
         }
     }
 

@@ -1,11 +1,13 @@
 //! One lease from arrival to the last acknowledgement.
 
-use std::sync::Arc;
+use std::{sync::Arc, time::Instant};
 
 use bytes::Bytes;
 use common::{
     job::LeaseId,
-    protocol::{FailureCause, Lease, RESULT_CONTENT_TYPE, RenderSettings, UnitId},
+    pass::Work,
+    plan::Trial,
+    protocol::{FailureCause, Lease, Preparation, RESULT_CONTENT_TYPE, RenderSettings, UnitId},
     result::UnitResult,
 };
 use reqwest::{Method, header::CONTENT_TYPE};
@@ -120,6 +122,10 @@ fn render(
     let tell = |id, how| drop(ended.send((id, how)));
     let mut units = Vec::with_capacity(lease.units.len());
     for unit in &lease.units {
+        if let Work::Prepare { trial } = &unit.work {
+            tell(unit.id, prepare(session, lease, ready, trial));
+            continue;
+        }
         match guarded(|| UnitRender::new(&ready.prepared, &lease.settings, unit)) {
             Ok(render) => units.push((unit.id, render)),
             Err(panic) => tell(unit.id, Ended::Failed(panic)),
@@ -147,6 +153,20 @@ fn render(
     });
 }
 
+/// Choose the method of a job.
+fn prepare(session: &Session, lease: &Lease, ready: &ReadyScene, trial: &Trial) -> Ended {
+    let start = Instant::now();
+    let choose = || session.pool.install(|| tracer::pilot::choose(&ready.prepared, &lease.settings, trial));
+    let plan = match guarded(choose) {
+        Ok(plan) => plan,
+        Err(panic) => return Ended::Failed(panic),
+    };
+    // All threads were at it.
+    let cpu_seconds = start.elapsed().as_secs_f64() * session.pool.threads() as f64;
+    let packed = serde_json::to_vec(&Preparation { plan, cpu_seconds }).map_err(|error| error.to_string());
+    packed.and_then(|json| compress(&json)).map_or_else(Ended::Failed, Ended::Done)
+}
+
 /// What to say of a sample that was not finite.
 fn replay(lease: &Lease, [x, y, sample]: [u32; 3]) -> String {
     let RenderSettings { frame, resolution: [w, h], seed, .. } = lease.settings;
@@ -158,7 +178,11 @@ fn replay(lease: &Lease, [x, y, sample]: [u32; 3]) -> String {
 }
 
 fn pack(result: &UnitResult) -> Result<Bytes, String> {
-    let packed = zstd::bulk::compress(&result.encode(), COMPRESSION_LEVEL);
+    compress(&result.encode())
+}
+
+fn compress(plain: &[u8]) -> Result<Bytes, String> {
+    let packed = zstd::bulk::compress(plain, COMPRESSION_LEVEL);
     packed.map(Bytes::from).map_err(|error| format!("the result cannot be compressed: {error}"))
 }
 

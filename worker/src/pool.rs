@@ -103,6 +103,11 @@ impl Pool {
         wait.await.unwrap_or_else(|_| Err("the render threads are gone".into()))
     }
 
+    /// Run `work` on one of the threads, and what it does side by side on all of them. Blocks.
+    pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.0.install(work)
+    }
+
     /// Render units, all their rows side by side, and return when the last is done. `deliver` gets each
     /// unit's outcome as soon as it is known, on one of the threads. Blocks.
     pub fn render<R: RowRender>(

@@ -35,9 +35,9 @@ pub struct ReadyScene {
     /// The tracer's form of it.
     pub prepared: Prepared,
     /// Seconds to fetch and decode it.
-    pub load: Cost,
+    pub load: Arc<Cost>,
     /// Seconds to build its acceleration structure.
-    pub build: Cost,
+    pub build: Arc<Cost>,
 }
 
 /// Seconds that are charged to whoever asks first, and to nobody else.
@@ -112,6 +112,9 @@ impl Scenes {
     }
 
     async fn prepare(&self, key: Key) -> Result<Arc<ReadyScene>, String> {
+        if let Some(shared) = self.shared(&key) {
+            return Ok(Arc::new(shared));
+        }
         let cell = self.decoded.cell(&key.scene);
         let decoded = Arc::clone(cell.get_or_try_init(|| self.decode(key.scene)).await?);
         let prepare = move || {
@@ -120,15 +123,24 @@ impl Scenes {
             let loaded = Loaded::new(&scene, &decoded.assets, &key.method, key.resolution);
             let loaded = loaded.map_err(|error| error.to_string())?;
             let warnings = loaded.warnings().to_vec();
-            let load = Cost::new(decoded.load.charge() + start.elapsed().as_secs_f64());
+            let load = Arc::new(Cost::new(decoded.load.charge() + start.elapsed().as_secs_f64()));
             let start = Instant::now();
             let prepared = loaded.build();
-            let build = Cost::new(start.elapsed().as_secs_f64());
+            let build = Arc::new(Cost::new(start.elapsed().as_secs_f64()));
             Ok((ReadyScene { prepared, load, build }, warnings))
         };
         let (ready, warnings) = self.pool.run(prepare).await.flatten()?;
         self.warn(warnings);
         Ok(Arc::new(ready))
+    }
+
+    /// The scene made of one that is ready for another method, where both share everything dear.
+    fn shared(&self, key: &Key) -> Option<ReadyScene> {
+        self.ready.find(|other, ready| {
+            let same = (other.scene, other.frame, other.resolution) == (key.scene, key.frame, key.resolution);
+            let prepared = same.then(|| ready.prepared.with_method(&other.method, &key.method)).flatten()?;
+            Some(ReadyScene { prepared, load: Arc::clone(&ready.load), build: Arc::clone(&ready.build) })
+        })
     }
 
     async fn decode(&self, hash: AssetHash) -> Result<Arc<Decoded>, String> {
@@ -247,6 +259,12 @@ impl<K: Clone + PartialEq, V> Recent<K, V> {
             cells.remove(0);
         }
         cell
+    }
+
+    /// The first that `of` makes of a value that is there.
+    fn find<T>(&self, of: impl Fn(&K, &V) -> Option<T>) -> Option<T> {
+        let cells = self.cells.lock().unwrap_or_else(PoisonError::into_inner);
+        cells.iter().find_map(|(key, cell)| of(key, cell.get()?))
     }
 
     fn present(&self) -> Vec<K> {

@@ -5,8 +5,9 @@ use std::time::Instant;
 use common::{
     film::Moments,
     job::{JobId, JobRequest, Quality},
-    method::{Adaptive, Method},
+    method::{Adaptive, Direct, Method},
     pass::{BATCH, Work},
+    plan::Trial,
     protocol::{RenderSettings, Unit, UnitId},
     tile::Rect,
 };
@@ -49,8 +50,16 @@ impl Stage {
         let frame = request::first_frame(request, bundle);
         let resolution = bundle.resolution(request);
         let region = request.region(resolution)?;
-        let prepared = bundle.load(request)?.build();
-        let settings = RenderSettings { frame, resolution, method, seed: 0, batch: BATCH };
+        let mut prepared = bundle.load(request)?.build();
+        let mut settings = RenderSettings { frame, resolution, method, seed: 0, batch: BATCH };
+        if settings.method.direct == Direct::Auto {
+            // As a worker does before a job.
+            let named = request.method.clone().or(&bundle.scene.settings.method);
+            let plan = tracer::pilot::choose(&prepared, &settings, &Trial { region, named });
+            if let Some(chosen) = prepared.with_method(&settings.method, &plan.method) {
+                (prepared, settings.method) = (chosen, plan.method);
+            }
+        }
         Ok(Self { settings, region, prepared, threads, most, build_seconds: started.elapsed().as_secs_f64() })
     }
 

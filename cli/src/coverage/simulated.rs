@@ -118,6 +118,7 @@ fn frame(rules: &[Rule], truth: Truth, around: Around, seed: u64, number: usize)
             let batches = |index: usize| match work {
                 Work::PerPixel { batches, .. } => batches[index],
                 Work::Uniform { samples, .. } | Work::Textbook { max_samples: samples, .. } => samples / rule.batch(),
+                Work::Prepare { .. } => 0,
             };
             let mut all = pixels.iter_mut().enumerate();
             all.by_ref().map(|(index, (truth, random))| draw(*truth, random, batches(index), rule.batch())).collect()

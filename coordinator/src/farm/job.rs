@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use common::{
     job::{JobState, LeaseId, WorkerId},
-    pass::Work,
+    pass::{PREPARE_PASS, Work},
     tile::Rect,
 };
 
@@ -276,12 +276,52 @@ impl Job {
             open.done += rect.area() as f64 * share;
             open.tiles.push(Tile { rect, passes, share, attempts, worker, cost: None, phase, parts });
         }
+        // One unit comes before all others: it stands in the place of the first tile's passes.
+        if let (Some(trial), Some(tile)) = (&spec.prepare, open.tiles.first_mut()) {
+            let work = Work::Prepare { trial: trial.clone() };
+            tile.passes = PREPARE_PASS;
+            tile.phase = Phase::Running(Running {
+                work,
+                share: 0.0,
+                split: None,
+                pieces: vec![Piece::new(tile.rect)],
+                saved: 0,
+            });
+            open.pending.insert((PREPARE_PASS, 0, 0));
+            frames[index].stage = Stage::Open(open);
+            return;
+        }
         frames[index].stage = Stage::Open(open);
         let number = frames[index].number;
         for tile in 0..count {
             self.plan_if_ready(number, tile, out);
         }
         self.measure_if_finished(number, out);
+    }
+
+    /// The job is prepared: its open frames begin. Returns the leases that were out to prepare it.
+    pub(super) fn prepared(&mut self, out: &mut Vec<Effect>) -> Vec<LeaseId> {
+        let mut holders = Vec::new();
+        if self.spec.prepare.take().is_none() {
+            return holders;
+        }
+        let mut numbers = Vec::new();
+        for frame in &mut self.frames {
+            let Stage::Open(open) = &mut frame.stage else { continue };
+            numbers.push(frame.number);
+            open.pending.clear();
+            let Some(first) = open.tiles.first_mut() else { continue };
+            if let Phase::Running(running) = std::mem::take(&mut first.phase) {
+                holders.extend(running.pieces.iter().flat_map(|piece| &piece.holders));
+            }
+            first.passes = 0;
+        }
+        for number in numbers {
+            for tile in 0..self.spec.grid.count() {
+                self.plan_if_ready(number, tile, out);
+            }
+        }
+        holders
     }
 
     /// Ask for the plan of a tile's next pass, if nothing holds it back.

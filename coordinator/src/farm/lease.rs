@@ -2,7 +2,7 @@
 
 use common::{
     job::{JobId, JobState, LeaseId, WorkerId},
-    pass::Work,
+    pass::{PREPARE_PASS, Work},
     protocol::{Unit, UnitId},
     tile::Rect,
 };
@@ -194,11 +194,18 @@ impl Farm {
                 }
             }
         }
+        let preparing = job.spec.prepare.is_some() && open_frames > 0;
         if let Some(index) = waiting
             && !planning
+            && !preparing
             && open_frames <= eligible.len() + 1
         {
             job.open(index, out);
+            if job.spec.prepare.is_some() {
+                // Nothing is to be planned: its unit is there.
+                let units = job.take(index, worker, &eligible, target);
+                return if units.is_empty() { Cut::Nothing } else { Cut::Units(job.frames[index].number, units) };
+            }
             return Cut::Begun;
         }
         Cut::Nothing
@@ -444,6 +451,7 @@ impl Worst {
     /// The unit in words.
     pub(super) fn describe(&self, frame: u32) -> String {
         match self.unit {
+            Some(UnitRef { pass: PREPARE_PASS, .. }) => "the choice of the method".to_owned(),
             Some(UnitRef { tile, pass, .. }) => format!("frame {frame}, tile {tile}, pass {pass}"),
             None => format!("frame {frame}"),
         }

@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use common::job::{JobId, JobState};
+use common::{
+    job::{JobId, JobState},
+    pass::PREPARE_PASS,
+};
 
 use super::{
     Command, Effect, Farm, JobSpec, Plan, Restored, TileKey,
@@ -142,6 +145,15 @@ impl Farm {
             // All parts were stored before a restart, but not merged.
             self.merge(key, out);
         }
+    }
+
+    /// What a job must have prepared is stored: its units may be rendered.
+    pub(super) fn prepared(&mut self, id: JobId, now: f64, out: &mut Vec<Effect>) {
+        let Some(job) = self.jobs.get_mut(&id) else { return };
+        for lease in job.prepared(out) {
+            self.strike_out(lease, UnitRef { tile: 0, pass: PREPARE_PASS, piece: 0 }, now);
+        }
+        self.stirred = true;
     }
 
     pub(super) fn measured(&mut self, id: JobId, frame: u32, again: Option<u32>, out: &mut Vec<Effect>) {

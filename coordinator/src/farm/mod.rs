@@ -23,6 +23,7 @@ use common::{
     hash::AssetHash,
     job::{JobId, JobState, LeaseId, WorkerId},
     pass::Work,
+    plan::Trial,
     protocol::{FailureCause, Register, Unit, UnitId},
     tile::{Rect, TileGrid},
 };
@@ -89,6 +90,8 @@ pub struct JobSpec {
     pub priority: u8,
     /// Tracer version it is pinned to, where a worker has begun already.
     pub tracer: Option<String>,
+    /// What a worker must prepare before anything is rendered.
+    pub prepare: Option<Trial>,
 }
 
 /// How far a tile had come when it was last stored.
@@ -204,6 +207,8 @@ pub enum Event {
         /// Processor seconds spent.
         cpu_seconds: f64,
     },
+    /// What a job must have prepared is on disk: its units may be rendered.
+    Prepared(JobId),
     /// An accepted part of a split pass is on disk.
     Saved(UnitId),
     /// The whole pass of a tile is merged and on disk.
@@ -261,8 +266,8 @@ pub enum Effect {
     Plan(TileKey, u32),
     /// Answer request `ask` with a lease.
     Grant(u64, Grant),
-    /// Store this result: as the whole pass of its tile, then [`Event::Merged`]; or as a part, then
-    /// [`Event::Saved`].
+    /// Store this result: as the whole pass of its tile, then [`Event::Merged`]; as a part, then
+    /// [`Event::Saved`]; or as what was to be prepared, then [`Event::Prepared`].
     Accept(Accepted),
     /// The result's unit is closed, unknown, or being stored: nothing to do.
     Closed,
@@ -429,6 +434,7 @@ impl Farm {
             Event::Result { lease, unit, samples, cpu_seconds } => {
                 self.result(lease, unit, samples, cpu_seconds, now, &mut out);
             }
+            Event::Prepared(job) => self.prepared(job, now, &mut out),
             Event::Saved(unit) => self.saved(unit, &mut out),
             Event::Merged { tile, pass } => self.merged(tile, pass, now, &mut out),
             Event::SaveFailed(unit) => self.save_failed(unit),

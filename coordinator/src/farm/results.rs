@@ -2,6 +2,7 @@
 
 use common::{
     job::{LeaseId, WorkerId},
+    pass::PREPARE_PASS,
     protocol::{FailureCause, UnitId},
 };
 
@@ -63,7 +64,9 @@ impl Farm {
             }
         };
         let Some(job) = self.jobs.get_mut(&id.job) else { return };
-        job.cost.add(cpu_seconds, samples as f64, id.rect.area() as f64);
+        if id.pass != PREPARE_PASS {
+            job.cost.add(cpu_seconds, samples as f64, id.rect.area() as f64);
+        }
         job.samples.add(samples as f64, now);
         job.delivered += cpu_seconds;
         let Some(open) = job.open_mut(id.frame) else { return };

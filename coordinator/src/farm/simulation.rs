@@ -477,6 +477,7 @@ fn spec(id: u64, frames: Vec<u32>, grid: TileGrid, gated: bool) -> JobSpec {
         gated,
         priority: 50,
         tracer: None,
+        prepare: None,
     }
 }
 

@@ -12,6 +12,8 @@ use super::{
 const LEAST_PIXELS: usize = 64;
 /// Processor seconds of a sample before any was measured.
 const GUESSED_COST: f64 = 2e-6;
+/// Processor seconds of the unit that prepares a job, about.
+const PREPARE_COST: f64 = 0.1;
 /// Leases of a job that nothing is known of aim at this share of the target.
 const FIRST_SHARE: f64 = 0.25;
 /// Pending units that are looked at to foresee the end of a frame.
@@ -51,6 +53,7 @@ impl Job {
                 let sum: f64 = batches.iter().map(|&n| f64::from(n)).sum();
                 sum * f64::from(self.spec.batch) / tile.rect.area() as f64
             }
+            Work::Prepare { .. } => return PREPARE_COST,
             Work::Textbook { max_samples, .. } => {
                 let guess = || f64::from(*max_samples) / 4.0;
                 self.cost.samples_per_pixel().unwrap_or_else(guess)

@@ -3,7 +3,9 @@
 use common::{
     hash::AssetHash,
     job::{JobId, JobState, LeaseId, WorkerId},
-    pass::Work,
+    method::MethodChoices,
+    pass::{PREPARE_PASS, Work},
+    plan::Trial,
     protocol::{FailureCause, Register, UnitId},
     tile::{Rect, TileGrid},
 };
@@ -67,6 +69,7 @@ impl Bench {
             gated: false,
             priority,
             tracer: None,
+            prepare: None,
         }));
     }
 
@@ -403,12 +406,81 @@ fn workers_of_another_build_get_no_lease_of_a_pinned_job() {
 }
 
 #[test]
+fn a_job_is_prepared_before_anything_is_rendered_whoever_is_lost_at_it() {
+    let mut bench = Bench::new(1);
+    let prepare = Some(Trial { region: Rect::frame(64, 32), named: MethodChoices::default() });
+    bench.apply(Event::Submit(JobSpec {
+        id: JobId(1),
+        scene: AssetHash::of(b""),
+        frames: vec![1, 2],
+        grid: TileGrid::new(Rect::frame(64, 32), 16),
+        batch: 16,
+        gated: true,
+        priority: 50,
+        tracer: None,
+        prepare,
+    }));
+    let (a, b) = (bench.join("a", 1), bench.join("b", 1));
+    let is_preparation = |grant: &Grant| {
+        let [unit] = &grant.units[..] else { return false };
+        unit.id.pass == PREPARE_PASS && matches!(unit.work, Work::Prepare { .. }) && !unit.features
+    };
+    let first = bench.ask(a).unwrap();
+    assert!(is_preparation(&first), "{first:?}");
+    assert!(bench.ask(b).is_none(), "nothing else can be done, in no frame");
+    // The worker is killed: another takes its place.
+    bench.wait(20.0, &[(b, Vec::new())]);
+    let second = bench.ask(b).unwrap();
+    assert!(is_preparation(&second) && second.units == first.units, "{second:?}");
+    let result = |lease, unit| Event::Result { lease, unit, samples: 0, cpu_seconds: 0.1 };
+    let unit = second.units[0].id;
+    let answers = bench.apply(result(second.lease, unit));
+    assert!(answers.iter().any(|answer| matches!(answer, Effect::Accept(_))), "{answers:?}");
+    assert!(bench.ask(b).is_none(), "what was prepared is not on disk yet");
+    bench.apply(Event::Prepared(JobId(1)));
+    assert_eq!(bench.apply(result(first.lease, unit)), [Effect::Closed], "the first comes back too late");
+    while let Some(grant) = bench.ask(b) {
+        assert!(grant.units.iter().all(|unit| unit.id.pass != PREPARE_PASS), "{grant:?}");
+        bench.finish(&grant, 0.1);
+    }
+    assert_eq!(bench.state(1), JobState::Completed);
+}
+
+#[test]
+fn a_job_that_cannot_be_prepared_fails_and_says_so() {
+    let mut bench = Bench::new(1);
+    let prepare = Some(Trial { region: Rect::frame(64, 32), named: MethodChoices::default() });
+    bench.submit(1, 1, 50);
+    bench.farm.jobs.get_mut(&JobId(1)).unwrap().spec.prepare = prepare;
+    let worker = bench.join("a", 1);
+    for _ in 0..MAX_FAILURES {
+        bench.now += DISABLED_SECONDS;
+        bench.beat(worker, Vec::new());
+        let grant = bench.ask(worker).unwrap();
+        bench.fail(&grant, FailureCause::Failed);
+    }
+    assert_eq!(bench.state(1), JobState::Failed);
+    let (_, message, _) = bench.farm.brief(JobId(1)).unwrap();
+    assert!(message.unwrap().contains("the choice of the method"));
+}
+
+#[test]
 fn a_gated_tile_waits_for_its_neighbours_and_others_do_not() {
     for gated in [false, true] {
         let mut farm = Farm::new(1);
         let grid = TileGrid::new(Rect::frame(64, 16), 16);
         let scene = AssetHash::of(b"");
-        let spec = JobSpec { id: JobId(1), scene, frames: vec![1], grid, batch: 16, gated, priority: 50, tracer: None };
+        let spec = JobSpec {
+            id: JobId(1),
+            scene,
+            frames: vec![1],
+            grid,
+            batch: 16,
+            gated,
+            priority: 50,
+            tracer: None,
+            prepare: None,
+        };
         farm.apply(Event::Submit(spec), 0.0);
         let register = Register {
             machine: "m".into(),
@@ -469,6 +541,7 @@ fn parts_that_were_stored_before_a_restart_are_not_rendered_again() {
         gated: false,
         priority: 50,
         tracer: None,
+        prepare: None,
     };
     let all = Rect::frame(16, 16).split(64);
     let parts = Some((64, all[..3].to_vec()));

@@ -2,6 +2,7 @@
 
 use common::{
     job::{JobId, JobState, LeaseId, WorkerId},
+    pass::PREPARE_PASS,
     protocol::{LeaseView, WorkerView},
 };
 
@@ -159,7 +160,8 @@ impl Farm {
                 if running.pieces.iter().any(|piece| begun(piece.state)) { "leased" } else { "pending" }
             }
         };
-        TileStatus { state, passes: tile.passes, attempts: tile.attempts, worker }
+        let passes = if tile.passes == PREPARE_PASS { 0 } else { tile.passes };
+        TileStatus { state, passes, attempts: tile.attempts, worker }
     }
 
     /// All workers, oldest first.

@@ -8,6 +8,8 @@ use std::{
 use common::{
     hash::AssetHash,
     job::{FieldError, Frames, JobId, JobRequest, JobState, Quality, SceneRef, check_resolution},
+    method::Direct,
+    plan::{LEAST_PIXELS, Trial},
     protocol::{Forecast, FrameView, JobPatch, JobView, TileView},
     scene::{SceneError, SceneFile},
     tile::TileGrid,
@@ -103,7 +105,11 @@ impl Service {
             return Err(FieldError::new("tile", message).into());
         }
         let quality = request.quality.or(scene.settings.quality).unwrap_or_default();
-        let method = request.method.or(&scene.settings.method).resolve();
+        let named = request.method.or(&scene.settings.method);
+        let method = named.clone().resolve();
+        // A method that is named needs no trial, and a frame that is small is not worth one.
+        let open = method.direct == Direct::Auto && region.area() >= LEAST_PIXELS;
+        let prepare = open.then_some(Trial { region, named });
         let rule = Rule::of(&quality, &method)?;
         let name = request.name.filter(|name| !name.is_empty()).unwrap_or(scene.name);
         let record = JobRecord {
@@ -116,6 +122,8 @@ impl Service {
             tile: request.tile,
             quality,
             method,
+            prepare,
+            plan: None,
             rule,
             priority: request.priority,
             tags: request.tags,
@@ -432,6 +440,7 @@ impl Service {
             tile: record.tile,
             quality: record.quality,
             method: record.method,
+            plan: record.plan,
             priority: status.priority,
             tags: record.tags,
             seed: record.seed,
@@ -566,6 +575,7 @@ fn spec_of(record: &JobRecord) -> JobSpec {
         gated: record.rule.looks_around(),
         priority: record.priority,
         tracer: record.tracer.clone(),
+        prepare: record.prepare.clone(),
     }
 }
 

@@ -179,7 +179,7 @@ fn samples_of(work: &Work, rect: Rect) -> f64 {
     match work {
         Work::Uniform { samples, .. } => f64::from(*samples) * rect.area() as f64,
         Work::PerPixel { batches, .. } => batches.iter().map(|&n| f64::from(n)).sum::<f64>() * f64::from(BATCH),
-        Work::Textbook { .. } => 0.0,
+        Work::Textbook { .. } | Work::Prepare { .. } => 0.0,
     }
 }
 

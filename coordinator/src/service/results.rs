@@ -6,8 +6,10 @@ use bytes::Bytes;
 use common::{
     film::Film,
     job::LeaseId,
+    method::Method,
     pass::Work,
-    protocol::{Unit, UnitId},
+    plan::MethodPlan,
+    protocol::{MAX_PREPARATION, Preparation, Unit, UnitId},
     result::{UnitResult, UnitStatistics, max_encoded_len},
     tile::Rect,
 };
@@ -46,6 +48,9 @@ impl Service {
             }
         };
         self.tallies.result_bytes.fetch_add(body.len() as u64, Ordering::Relaxed);
+        if matches!(unit.work, Work::Prepare { .. }) {
+            return self.take_preparation(lease, id, body).await;
+        }
         let batch = self.entry(id.job).map_or(1, |entry| lock(&entry.record).rule.batch());
         let sent = body.clone();
         let decoded = blocking("reading a result", move || read_result(&sent, &unit, batch)).await?;
@@ -82,6 +87,47 @@ impl Service {
                 Err(Failure::Internal(format!("storing unit {id} panicked")))
             }
         }
+    }
+
+    /// Take in what a job had to have prepared. When this returns, it is on disk.
+    async fn take_preparation(self: &Arc<Self>, lease: LeaseId, id: UnitId, body: Bytes) -> Result<Receipt, Failure> {
+        let Some(entry) = self.entry(id.job) else { return Err(Failure::NotFound(format!("unit {id}"))) };
+        let Preparation { plan, cpu_seconds } = match read_preparation(&body) {
+            Ok(preparation) => preparation,
+            Err(message) => {
+                self.tallies.refused_results.fetch_add(1, Ordering::Relaxed);
+                self.blame(lease, id, &message);
+                return Err(Failure::Refused(format!("unit {id}: {message}")));
+            }
+        };
+        let answers = self.apply(Event::Result { lease, unit: id, samples: 0, cpu_seconds: cpu_seconds.max(0.0) });
+        if !answers.iter().any(|answer| matches!(answer, Effect::Accept(_))) {
+            self.settle().await?;
+            return Ok(Receipt { counted: false });
+        }
+        {
+            let mut record = lock(&entry.record);
+            // What a trial may choose, and nothing else, is the worker's.
+            let Method { direct, light_pick, light_samples, light_sampling, roulette, .. } = plan.method.clone();
+            let method = record.method.clone();
+            record.method = Method { direct, light_pick, light_samples, light_sampling, roulette, ..method };
+            record.plan = Some(MethodPlan { method: record.method.clone(), ..plan });
+            record.prepare = None;
+            drop(self.store.write(Write::Job(Box::new(record.clone()))));
+        }
+        // A task of its own: a sender that hangs up must not leave the job half prepared.
+        let service = Arc::clone(self);
+        let settled = tokio::spawn(async move {
+            let settled = service.settle().await;
+            service.apply(if settled.is_ok() { Event::Prepared(id.job) } else { Event::SaveFailed(id) });
+            settled
+        });
+        match settled.await {
+            Ok(settled) => settled?,
+            Err(_) => return Err(Failure::Internal(format!("storing unit {id} panicked"))),
+        }
+        lock(&self.dirty).jobs.insert(id.job, true);
+        Ok(Receipt { counted: true })
     }
 
     /// A worker that sends rubbish has failed the unit.
@@ -293,6 +339,15 @@ fn read_film(stored: &StoredFilm, rect: Rect) -> Result<Film, StoreError> {
     Ok(film)
 }
 
+/// Decompress and check what was prepared.
+fn read_preparation(body: &[u8]) -> Result<Preparation, String> {
+    let plain = zstd::bulk::decompress(body, MAX_PREPARATION)
+        .map_err(|_| format!("not zstd, or more than {MAX_PREPARATION} bytes unpacked"))?;
+    let preparation: Preparation = serde_json::from_slice(&plain).map_err(|error| error.to_string())?;
+    preparation.plan.method.validate().map_err(|error| error.to_string())?;
+    Ok(preparation)
+}
+
 /// Decompress and check a result against the unit it is for.
 fn read_result(body: &[u8], unit: &Unit, batch: u32) -> Result<UnitResult, String> {
     let rect = unit.id.rect;
@@ -311,6 +366,7 @@ fn read_result(body: &[u8], unit: &Unit, batch: u32) -> Result<UnitResult, Strin
             }
             Work::Uniform { samples, .. } => (u64::from(*samples), batches_of(u64::from(*samples))),
             Work::Textbook { max_samples, .. } => (u64::from(*max_samples), u64::from(*max_samples)),
+            Work::Prepare { .. } => (0, 0),
         };
         if u64::from(moments.samples) > samples || u64::from(moments.batches) > batches {
             return Err(format!("pixel {pixel} has more samples or batches than were asked for"));

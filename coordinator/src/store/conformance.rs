@@ -26,6 +26,8 @@ fn job(id: u64) -> JobRecord {
         tile: 32,
         quality: Quality::Samples { samples: 64 },
         method: Method::default(),
+        prepare: None,
+        plan: None,
         rule: Rule::Uniform { samples: 64, batch: 16 },
         priority: 50,
         tags: vec!["a".into()],

@@ -6,6 +6,7 @@ use common::{
     hash::AssetHash,
     job::{Frames, JobId, JobState, Quality, WorkerId},
     method::Method,
+    plan::{MethodPlan, Trial},
     protocol::{ConvergencePoint, FailureView, Forecast, JobStatistics, Register},
     result::UnitStatistics,
     tile::{Rect, TileGrid},
@@ -35,6 +36,12 @@ pub struct JobRecord {
     pub quality: Quality,
     /// How light is estimated.
     pub method: Method,
+    /// What a worker must prepare before anything is rendered: the choice of a method.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prepare: Option<Trial>,
+    /// What was prepared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan: Option<MethodPlan>,
     /// How passes follow from both.
     pub rule: Rule,
     /// 0 (last) to 100 (first).

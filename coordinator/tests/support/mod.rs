@@ -195,6 +195,7 @@ pub fn render(settings: &RenderSettings, unit: &Unit) -> UnitResult {
             let (first, samples) = match &unit.work {
                 Work::Uniform { first, samples } => (*first, *samples),
                 Work::PerPixel { first, batches } => (first[i] * batch, batches[i] * batch),
+                Work::Prepare { .. } => (0, 0),
                 Work::Textbook { batch, max_samples, .. } => (0, (batch * (1 + (x + y) % 5)).min(*max_samples)),
             };
             samples_taken += u64::from(samples);

@@ -6,7 +6,7 @@
 //! density is above 0, poles included. Where BSDF sampling finds light too, the picture's mean is left to it
 //! ([`ImageEnvironment::compensated`]).
 
-use std::f64::consts::PI;
+use std::{f64::consts::PI, sync::Arc};
 
 use super::delta::mean;
 use crate::math::{
@@ -20,7 +20,7 @@ pub enum Environment {
     /// The same from everywhere.
     Constant(Rgb),
     /// A picture.
-    Image(Box<ImageEnvironment>),
+    Image(Arc<ImageEnvironment>),
 }
 
 impl Environment {

@@ -100,6 +100,8 @@ pub struct Lights {
     areas: Vec<Area>,
     deltas: Vec<DeltaLight>,
     environment: Option<Environment>,
+    /// Power of each light, W.
+    powers: Vec<f64>,
     /// Lights with any power.
     live: Vec<u32>,
     choice: Choice,
@@ -164,6 +166,30 @@ impl Lights {
         let radius = if scene_radius > 0.0 { f64::from(scene_radius) } else { 1.0 };
         powers.extend(deltas.iter().map(|light| light.power(radius)));
         powers.extend(environment.iter().map(|environment| environment.power(radius)));
+        Self::of(emitters, areas, deltas, environment, powers, method)
+    }
+
+    /// The same lights for another method.
+    #[must_use]
+    pub fn with_method(&self, method: &Method) -> Self {
+        let Self { emitters, areas, deltas, environment, powers, .. } = self.clone();
+        Self::of(emitters, areas, deltas, environment, powers, method)
+    }
+
+    /// Whether a picture surrounds the scene.
+    #[must_use]
+    pub fn has_picture(&self) -> bool {
+        matches!(self.environment, Some(Environment::Image(_)))
+    }
+
+    fn of(
+        emitters: Vec<Primitive>,
+        areas: Vec<Area>,
+        deltas: Vec<DeltaLight>,
+        environment: Option<Environment>,
+        powers: Vec<f64>,
+        method: &Method,
+    ) -> Self {
         let live: Vec<u32> =
             (0..powers.len() as u32).filter(|&i| powers[i as usize] > 0.0 && powers[i as usize].is_finite()).collect();
         let equal: Vec<f64> = powers.iter().map(|&p| if p > 0.0 && p.is_finite() { 1.0 } else { 0.0 }).collect();
@@ -178,7 +204,7 @@ impl Lights {
             LightPick::Tree => Choice::Tree(TreeChoice::new(&emitters, &areas, &deltas, &live)),
         };
         let sampling = method.light_sampling.unwrap_or(LightSampling::SolidAngle);
-        Self { emitters, areas, deltas, environment, live, choice, sampling }
+        Self { emitters, areas, deltas, environment, powers, live, choice, sampling }
     }
 
     /// Number of the first emitter of the area light `index`; its primitives follow in order.

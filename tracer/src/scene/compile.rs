@@ -1,6 +1,6 @@
 //! From a scene file to a [`Draft`]: every shape in its place, every name resolved.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use common::{
     job::FieldError,
@@ -467,7 +467,7 @@ impl<'a> Compiler<'a> {
                 let made = ImageEnvironment::new(w, h, linear(picture), rgb(image.scale), &image.transform.affine());
                 let made = made.ok_or_else(|| error(format!("\"{file}\" has no pixels")))?;
                 let compensated = matches!(self.method.direct, Direct::Mis | Direct::Auto);
-                Ok(Some(Environment::Image(Box::new(if compensated { made.compensated() } else { made }))))
+                Ok(Some(Environment::Image(Arc::new(if compensated { made.compensated() } else { made }))))
             }
         }
     }
@@ -482,6 +482,7 @@ impl<'a> Compiler<'a> {
         facts.area_lights = !self.areas.is_empty();
         facts.delta_lights = !deltas.is_empty();
         facts.one_emitter = self.emitters.len() + deltas.len() + usize::from(environment.is_some()) == 1;
+        facts.emitters = self.emitters.len() as u32;
         facts.lights = (self.areas.len() + deltas.len() + usize::from(environment.is_some())) as u32;
         if facts.lights == 0 {
             self.warnings.push("no light in the scene: the image will be black".into());
@@ -506,11 +507,10 @@ impl<'a> Compiler<'a> {
             materials: self.materials,
             surfaces: self.surfaces,
             instances,
-            lights,
             emitters: if emission_varies { self.emitters } else { Vec::new() },
             facts: self.facts,
         };
-        Ok(Draft { world: self.world, scene, options: geometry_options(self.method), warnings: self.warnings })
+        Ok(Draft { world: self.world, scene, lights, options: geometry_options(self.method), warnings: self.warnings })
     }
 }
 

@@ -6,13 +6,14 @@
 //! nothing of paths or samples.
 
 mod compile;
-mod facts;
 mod mesh;
 mod record;
 mod surface;
 mod values;
 
-use common::method::{self, Method};
+use std::sync::Arc;
+
+use common::method::{self, Direct, Method};
 
 use crate::{
     camera::Camera,
@@ -22,7 +23,7 @@ use crate::{
     math::{DAffine3, Rgb, Vec2, Vec3},
 };
 
-pub use facts::Facts;
+pub use common::plan::Facts;
 pub use record::Record;
 use surface::Surface;
 pub use surface::{NO_EMITTER, Point};
@@ -32,6 +33,7 @@ pub use surface::{NO_EMITTER, Point};
 pub struct Draft {
     world: World,
     scene: Parts,
+    lights: Lights,
     options: Options,
     warnings: Vec<String>,
 }
@@ -39,13 +41,14 @@ pub struct Draft {
 /// A scene ready to render.
 #[derive(Debug)]
 pub struct Scene {
-    accel: Accel,
-    parts: Parts,
+    accel: Arc<Accel>,
+    parts: Arc<Parts>,
+    lights: Lights,
     /// Where the world needs no tree, its primitives.
-    records: Vec<Record>,
+    records: Arc<[Record]>,
 }
 
-/// All of a scene but where its surfaces are.
+/// All of a scene but where its surfaces are and how its lights are sampled.
 #[derive(Debug)]
 struct Parts {
     camera: Camera,
@@ -56,7 +59,6 @@ struct Parts {
     surfaces: Vec<Surface>,
     /// Of each instance: where its object's surfaces begin, and its linear maps.
     instances: Vec<Placement>,
-    lights: Lights,
     /// Of each emitter, its surface and primitive; empty where no emission varies over a surface or is masked.
     emitters: Vec<(u32, u32)>,
     facts: Facts,
@@ -101,8 +103,8 @@ impl Draft {
     #[must_use]
     pub fn build(self) -> Scene {
         let (accel, parts) = (Accel::build_with(self.world, self.options), self.scene);
-        let records = record::of(&accel, &parts);
-        Scene { accel, parts, records }
+        let records = record::of(&accel, &parts).into();
+        Scene { accel: Arc::new(accel), parts: Arc::new(parts), lights: self.lights, records }
     }
 }
 
@@ -131,7 +133,24 @@ impl Scene {
     #[inline]
     #[must_use]
     pub fn lights(&self) -> &Lights {
-        &self.parts.lights
+        &self.lights
+    }
+
+    /// The same scene for `method`, which may differ from the one it was compiled for in how lights are chosen
+    /// and sampled and how paths go; `None` where more than that depends on it. Geometry and materials are
+    /// shared.
+    #[must_use]
+    pub fn with_method(&self, old: &Method, method: &Method) -> Option<Scene> {
+        let geometry = |m: &Method| (m.triangle, m.bvh, m.fresnel);
+        // A picture that is sampled beside BSDFs leaves to them what is dim (`ImageEnvironment::compensated`).
+        let beside = |m: &Method| matches!(m.direct, Direct::Mis | Direct::Auto);
+        let fits = geometry(old) == geometry(method) && (!self.lights.has_picture() || beside(old) == beside(method));
+        fits.then(|| Scene {
+            accel: Arc::clone(&self.accel),
+            parts: Arc::clone(&self.parts),
+            lights: self.lights.with_method(method),
+            records: Arc::clone(&self.records),
+        })
     }
 
     /// What the scene needs.

@@ -64,6 +64,23 @@ impl Integrator<'_> {
             && self.scene.lights().has_one_sample()
     }
 
+    /// The code that fits the scene, in words: what was left out is what these do not name.
+    #[must_use]
+    pub fn kernel_in_words(&self) -> Vec<String> {
+        let mut words =
+            vec![if self.has_wave() { format!("{WIDTH} paths at a time") } else { "one path at a time".into() }];
+        if self.kernel == Kernel::Full {
+            words.push("with attributes of surfaces".into());
+        }
+        if self.has_wave() && self.scene.accel().is_small() {
+            words.push("few primitives, no tree".into());
+        }
+        if self.has_wave() && self.scene.lights().lone_rectangle().is_some() {
+            words.push("one rectangular lamp".into());
+        }
+        words
+    }
+
     /// Samples `requests`, each (column, row, sample): the same as [`Integrator::sample`] for each, found by
     /// [`Wave::traced`]. With `features`, so are first hits. Asks for [`Integrator::has_wave`].
     pub fn wave(

@@ -1,6 +1,6 @@
 //! Pictures of the surroundings: orientation, density, and light that adds up.
 
-use std::f64::consts::PI;
+use std::{f64::consts::PI, sync::Arc};
 
 use super::*;
 use crate::{
@@ -39,7 +39,7 @@ fn the_middle_looks_along_minus_z_the_right_along_plus_x_and_the_top_up() {
         let mut pixels = vec![Vec3::ZERO; 32];
         pixels[y * 8 + x] = Vec3::ONE;
         let image = ImageEnvironment::new(8, 4, pixels, Vec3::splat(3.0), to_world).unwrap();
-        Environment::Image(Box::new(image)).radiance(wi.normalize()).x
+        Environment::Image(Arc::new(image)).radiance(wi.normalize()).x
     };
     let none = DAffine3::IDENTITY;
     let turn = |x: f64| (x * 2.0 * PI) as f32;
@@ -66,7 +66,7 @@ fn the_middle_looks_along_minus_z_the_right_along_plus_x_and_the_top_up() {
 fn directions_fall_where_the_density_says() {
     for (width, height) in [(1, 1), (2, 1), (4, 2), (16, 8), (37, 19)] {
         for to_world in [DAffine3::IDENTITY, rotation()] {
-            let environment = Environment::Image(Box::new(image(width, height, &to_world)));
+            let environment = Environment::Image(Arc::new(image(width, height, &to_world)));
             // Steps at the cells' edges are beyond an adaptive integral: cells of the test are those of the
             // picture, cut in four, in its own space.
             let (columns, rows) = (2 * width, 2 * height);
@@ -115,7 +115,7 @@ fn directions_fall_where_the_density_says() {
 #[test]
 fn light_sampling_finds_all_that_the_lookup_shows() {
     for (width, height) in [(1, 1), (3, 2), (16, 8), (64, 32)] {
-        let environment = Environment::Image(Box::new(image(width, height, &rotation())));
+        let environment = Environment::Image(Arc::new(image(width, height, &rotation())));
         let mut rng = Rng::new(12);
         let n = 400_000;
         let (mut by_light, mut squares, mut by_chance) = (0.0, 0.0, 0.0);
@@ -147,7 +147,7 @@ fn what_compensation_leaves_out_is_found_by_the_other_way() {
     pixels[5 * width + 20] = Vec3::splat(100.0);
     let plain = ImageEnvironment::new(width, height, pixels, Vec3::ONE, &DAffine3::IDENTITY).unwrap();
     let estimate = |image: ImageEnvironment| {
-        let environment = Environment::Image(Box::new(image));
+        let environment = Environment::Image(Arc::new(image));
         let n = Vec3::new(0.0, 0.8, 0.6);
         let mut rng = Rng::new(21);
         let (mut sum, mut squares, mut never) = (0.0, 0.0, 0);
@@ -187,7 +187,7 @@ fn a_large_picture_shares_cells_and_misses_nothing() {
         pixels[spot.1 * width + spot.0] = Vec3::splat(1000.0);
     }
     let image = ImageEnvironment::new(width, height, pixels, Vec3::ONE, &DAffine3::IDENTITY).unwrap();
-    let environment = Environment::Image(Box::new(image));
+    let environment = Environment::Image(Arc::new(image));
     for (x, y) in [(0, 0), (4098, 1030), (2049, 500), (1234, 515)] {
         for (dx, dy) in [(0.5, 0.5), (0.01, 0.5), (0.99, 0.01), (-0.4, 0.4), (1.4, 0.6)] {
             let azimuth = 2.0 * PI * ((f64::from(x) + dx) / width as f64 - 0.5);
@@ -214,7 +214,7 @@ fn bad_pixels_are_dark_and_pictures_without_pixels_are_refused() {
     assert!(ImageEnvironment::new(2, 4, vec![Vec3::ONE; 7], Vec3::ONE, &DAffine3::IDENTITY).is_none());
     // A black picture is no light.
     let black = ImageEnvironment::new(2, 1, vec![Vec3::ZERO; 2], Vec3::ONE, &DAffine3::IDENTITY).unwrap();
-    let sources = LightSources { environment: Some(Environment::Image(Box::new(black))), ..LightSources::default() };
+    let sources = LightSources { environment: Some(Environment::Image(Arc::new(black))), ..LightSources::default() };
     assert!(Lights::build(sources, &Method::default()).is_dark());
 }
 
