@@ -34,6 +34,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("resume", &["tessera resume j17"]),
     ("continue", &["tessera continue j17 --noise 0.02 --watch -o out"]),
     ("workers", &["tessera workers"]),
+    ("plan", &["tessera plan scenes/mesh-light.json", "tessera plan scenes/mesh-light.json --light-pick power --json"]),
     ("scene check", &["tessera scene check scenes/cornell-box.json"]),
     ("scene convert", &["tessera scene convert bunny.obj bunny.json"]),
     ("scene schema", &["tessera scene schema"]),

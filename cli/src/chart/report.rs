@@ -245,7 +245,7 @@ impl Report {
              the reference. Seconds are processor seconds of rendering, all threads together; methods took turns. Bias is \
              the mean difference relative to the reference's mean, of all pictures, with a 95% interval. Lasting relMSE \
              is the part of the error at the largest budget that all seeds share, so that more samples would not take \
-             it away. [CSV](chart.csv), [JSON](chart.json)\n",
+             it away. `chart.csv` holds every picture, `chart.json` all figures.\n",
             self.setting()
         );
         for note in &self.notes {
