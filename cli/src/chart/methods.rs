@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn a_word_that_is_none_is_named() {
         for (words, expected) in [
-            ("fastest", "\"fastest\" is not a method; expected values such as auto, hemisphere"),
+            ("fastest", "\"fastest\" is not a method; expected values such as auto, bsdf, hemisphere"),
             ("light+", "\"\" is not a method"),
             ("light+mis", "light+mis: --direct is chosen twice"),
             ("light-samples=0", "light-samples=0: light-samples=0: 0 is not within 1 to 4096"),
