@@ -82,7 +82,7 @@ const SETTINGS: [Setting; 8] = [
     Setting {
         name: "threads",
         option: "threads",
-        commands: &[],
+        commands: &["render", "worker"],
         variable: "TESSERA_THREADS",
         default: "all cores",
         of: |file| file.threads.map(|threads| threads.to_string()),

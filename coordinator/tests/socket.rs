@@ -43,7 +43,7 @@ async fn it_answers_and_leaves_when_told_though_somebody_listens() {
     request(&mut stream, "/healthz").await;
     assert!(until(&mut stream, "ok\n").await.starts_with("HTTP/1.1 200"));
     request(&mut stream, "/").await;
-    assert!(until(&mut stream, "</html>").await.contains("page.js"));
+    assert!(until(&mut stream, "</html>").await.contains("ui/app.js"));
     let mut listening = TcpStream::connect(address).await.unwrap();
     request(&mut listening, "/api/v1/events").await;
     until(&mut listening, "event: workers").await;
@@ -68,6 +68,7 @@ async fn what_a_pass_takes_on_disk_is_less_than_what_it_is_in_memory() {
     let app = support::open(folder.path()).await;
     let job = serde_json::json!({
         "scene": support::scene(), "resolution": [256, 256], "quality": { "target": "samples", "samples": 256 },
+        "method": { "direct": "mis" },
     });
     support::submit(&app, job).await;
     support::Worker::register(&app, "a").await.work(&app, usize::MAX).await;
