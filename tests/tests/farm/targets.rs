@@ -37,8 +37,6 @@ fn a_noise_target_shows_no_seam_wherever_tiles_end() {
     assert_eq!(report["error_share"], 0.99);
     let missed = report["pixels_missed"].as_u64().unwrap() as f64;
     assert_eq!(report["target_met"].as_bool(), Some(missed <= 0.01 * 80.0 * 72.0), "{report}");
-    let forecast = &report["forecast"][0];
-    assert!(forecast["samples"]["ratio"].as_f64().is_some_and(|ratio| ratio > 0.2 && ratio < 5.0), "{report}");
 }
 
 /// The names under which other programs look for the layers, and what is in them.
@@ -77,6 +75,9 @@ fn a_budget_of_processor_seconds_is_kept() {
     assert!((2.25..3.75).contains(&spent), "{spent} of 3 s");
     let samples = &report["samples"];
     assert!(samples["max"].as_f64() > Some(1.5 * samples["mean"].as_f64().unwrap()), "the worst first: {samples}");
+    // Three processor seconds are long enough for a forecast on any machine.
+    let forecast = &report["forecast"][0];
+    assert!(forecast["samples"]["ratio"].as_f64().is_some_and(|ratio| ratio > 0.2 && ratio < 5.0), "{report}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
