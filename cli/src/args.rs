@@ -359,6 +359,9 @@ pub struct JobOptions {
     /// Samples a hit takes of each light it samples
     #[arg(long, value_name = "N", help_heading = "Method", value_parser = value_parser!(u32).range(1..=4096))]
     pub light_samples: Option<u32>,
+    /// Ways a path goes on from its first surface that is no mirror: a power of two
+    #[arg(long, value_name = "N", help_heading = "Method", value_parser = value_parser!(u32).range(1..=64))]
+    pub splits: Option<u32>,
     /// How points on area lights are chosen
     #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(LightSampling::ALL))]
     pub light_sampling: Option<LightSampling>,

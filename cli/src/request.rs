@@ -98,6 +98,7 @@ fn method(options: &JobOptions) -> MethodChoices {
         direct: options.direct,
         light_pick: options.light_pick.map(Some),
         light_samples: options.light_samples,
+        splits: options.splits,
         light_sampling: options.light_sampling.map(Some),
         only: options.only.map(Some),
         fresnel: options.fresnel,

@@ -214,6 +214,9 @@ method! {
     light_pick: Option<LightPick> = None,
     /// Samples a hit takes of each light it samples, 1 to 4096.
     light_samples: u32 = 1,
+    /// In how many ways a path goes on from its first surface that is no mirror or smooth glass: a power of two, 1 to
+    /// 64 (splitting: Arvo and Kirk 1990).
+    splits: u32 = 1,
     /// How points on area lights are chosen; `None`: solid angle.
     light_sampling: Option<LightSampling> = None,
     /// Render a part of the light transport alone.
@@ -260,6 +263,11 @@ impl Method {
             format!("{} is not within 1 to 4096", self.light_samples),
         )?;
         check(
+            (1..=64).contains(&self.splits) && self.splits.is_power_of_two(),
+            "splits",
+            format!("{} is not a power of two within 1 to 64", self.splits),
+        )?;
+        check(
             (2..=65_536).contains(&self.adaptive_batch),
             "adaptive_batch",
             format!("{} is not within 2 to 65536", self.adaptive_batch),
@@ -300,6 +308,9 @@ mod tests {
     fn numbers_out_of_range_name_their_field() {
         let bad = Method { light_samples: 0, ..Method::default() };
         assert_eq!(bad.validate().unwrap_err().field, "light_samples");
+        for splits in [0, 3, 128] {
+            assert_eq!(Method { splits, ..Method::default() }.validate().unwrap_err().field, "splits");
+        }
         let bad = Method { adaptive_tolerance: f64::NAN, ..Method::default() };
         assert_eq!(bad.validate().unwrap_err().field, "adaptive_tolerance");
     }

@@ -162,6 +162,9 @@ pub fn label(method: &Method, facts: &Facts) -> String {
     if method.light_samples > 1 && method.direct != Direct::Bsdf {
         words.push(format!("light-samples={}", method.light_samples));
     }
+    if method.splits > 1 {
+        words.push(format!("splits={}", method.splits));
+    }
     if method.roulette != Roulette::Throughput {
         words.push(method.roulette.name().to_owned());
     }

@@ -268,6 +268,7 @@ fn careful((max_depth, only): (u32, Option<common::method::Only>), base: &Method
         direct: Some(Direct::Auto),
         light_pick: Some(None),
         light_samples: Some(1),
+        splits: Some(1),
         light_sampling: Some(None),
         sampler: Some(Sampler::Sobol),
         triangle: Some(TriangleTest::Watertight),

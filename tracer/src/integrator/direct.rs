@@ -10,12 +10,13 @@ use crate::{
 };
 
 impl Integrator<'_> {
-    /// Estimate at the vertex after `depth` scatterings.
+    /// Estimate at the vertex after `depth` scatterings, from where the path goes on in `splits` ways.
     #[inline]
     pub(super) fn direct<const FULL: bool>(
         &self,
         shading: &Shading,
         depth: u32,
+        splits: u32,
         stream: &Stream,
         counters: &mut Counters,
     ) -> Rgb {
@@ -25,7 +26,7 @@ impl Integrator<'_> {
         match self.direct {
             Strategy::Bsdf => Rgb::ZERO,
             Strategy::Hemisphere => self.by_hemisphere::<FULL>(shading, depth, stream, counters),
-            Strategy::Light | Strategy::Mis => self.by_light::<FULL>(shading, depth, stream, counters),
+            Strategy::Light | Strategy::Mis => self.by_light::<FULL>(shading, depth, splits, stream, counters),
         }
     }
 
@@ -35,6 +36,7 @@ impl Integrator<'_> {
         &self,
         shading: &Shading,
         depth: u32,
+        splits: u32,
         stream: &Stream,
         counters: &mut Counters,
     ) -> Rgb {
@@ -50,7 +52,7 @@ impl Integrator<'_> {
                 (choice, stream.two(dimension::at(depth, dimension::LIGHT)))
             };
             self.scene.lights().for_each(&shading.reference, Stratum { index, count }, draw, |sample| {
-                sum += self.one_light::<FULL>(shading, &sample, counters);
+                sum += self.one_light::<FULL>(shading, &sample, splits, counters);
             });
         }
         if count == 1 { sum } else { sum / count as f32 }
@@ -58,7 +60,13 @@ impl Integrator<'_> {
 
     /// What one light sample brings.
     #[inline]
-    fn one_light<const FULL: bool>(&self, shading: &Shading, light: &LightSample, counters: &mut Counters) -> Rgb {
+    fn one_light<const FULL: bool>(
+        &self,
+        shading: &Shading,
+        light: &LightSample,
+        splits: u32,
+        counters: &mut Counters,
+    ) -> Rgb {
         let wi = shading.frame.to_local(light.wi);
         // The sides by the shading and by the geometric normal must agree, or light leaks.
         let transmission = (wi.z > 0.0) != (shading.wo.z > 0.0);
@@ -71,7 +79,7 @@ impl Integrator<'_> {
             return Rgb::ZERO;
         }
         let weight = if self.direct == Strategy::Mis && !light.delta {
-            power_heuristic(self.light_samples as f32 * light.pdf, eval.pdf)
+            power_heuristic(self.light_samples as f32 * light.pdf, splits as f32 * eval.pdf)
         } else {
             1.0
         };

@@ -55,6 +55,8 @@ pub struct Integrator<'a> {
     counted: (u32, u32),
     direct: Strategy,
     light_samples: u32,
+    /// In how many ways a path goes on from its first vertex that is no delta.
+    splits: u32,
     roulette: Roulette,
     /// Whether the choice of a light or of a primitive needs a number.
     choice: bool,
@@ -119,10 +121,23 @@ mod dimension {
 enum Arrival {
     /// From the camera, or along a delta: only this way finds it.
     Only,
-    /// Along a direction of this density, from where light was also sampled.
+    /// Along a direction of this density, times the number of such directions, from where light was also sampled.
     Sampled { pdf: f32, from: Reference },
     /// From where light was estimated in full.
     Counted,
+}
+
+/// A path on its way.
+#[derive(Debug, Clone, Copy)]
+struct Walk {
+    ray: Ray,
+    radiance: Rgb,
+    throughput: Rgb,
+    /// Product of (n_t / n_i)^2 over refractions: what radiance was compressed by, roulette must not see.
+    eta2: f32,
+    arrival: Arrival,
+    depth: u32,
+    known: bool,
 }
 
 /// A vertex of a path with its local frame.
@@ -160,6 +175,7 @@ impl<'a> Integrator<'a> {
                 Direct::Mis | Direct::Auto => Strategy::Light,
             },
             light_samples: method.light_samples,
+            splits: method.splits.max(1),
             roulette: method.roulette,
             choice: !facts.one_emitter,
             kernel: if facts.attributes() || facts.opacity { Kernel::Full } else { Kernel::Plain },
@@ -196,88 +212,158 @@ impl<'a> Integrator<'a> {
     ) -> Sample {
         let camera = self.scene.camera();
         let u_lens = if camera.has_lens() { stream.two(dimension::LENS) } else { Vec2::ZERO };
-        let camera_ray = camera.ray(x, y, stream.two(dimension::FILM), u_lens);
-        let mut ray = Ray { origin: camera_ray.origin, direction: camera_ray.direction, t_max: camera_ray.t_max };
-        let mut radiance = Rgb::ZERO;
-        let mut throughput = Rgb::ONE;
-        // Product of (n_t / n_i)^2 over refractions: what radiance was compressed by, roulette must not see.
-        let mut eta2 = 1.0;
-        let mut arrival = Arrival::Only;
-        let mut depth = 0;
-        let mut known = false;
+        let ray = camera.ray(x, y, stream.two(dimension::FILM), u_lens);
+        let mut walk = Walk {
+            ray: Ray { origin: ray.origin, direction: ray.direction, t_max: ray.t_max },
+            radiance: Rgb::ZERO,
+            throughput: Rgb::ONE,
+            eta2: 1.0,
+            arrival: Arrival::Only,
+            depth: 0,
+            known: false,
+        };
         let end = loop {
-            let opacity = dimension::at(depth, dimension::OPACITY);
-            let Some(hit) = self.visible::<FULL>(&mut ray, stream, opacity, counters) else {
-                known = depth == 0 && !(FULL && self.scene.facts().opacity);
-                if self.counts(depth) && self.scene.facts().environment {
-                    let wi = ray.direction.normalize();
-                    let weight = self.weight(&arrival, |from| self.scene.lights().environment_pdf(from, wi));
-                    radiance += throughput * (self.scene.lights().environment(wi) * weight);
-                }
-                break End::Escaped;
+            let shading = match self.arrive::<FULL>(&mut walk, stream, self.splits, counters, &mut probe) {
+                Ok(shading) => shading,
+                Err(end) => break end,
             };
-            let point = self.scene.point::<FULL>(&ray, &hit);
-            if point.emitter != NO_EMITTER && self.counts(depth) {
-                radiance += throughput * self.found(&point, &ray, &arrival);
+            if self.splits > 1 && !shading.bsdf.is_delta() {
+                break self.split::<FULL>(&mut walk, &shading, stream, counters, &mut probe);
             }
-            let to_eye = -ray.direction.normalize();
-            let shading = self.shade(point, to_eye);
-            if let Some(probe) = probe.as_deref_mut() {
-                probe.vertex(&Vertex::new(depth, &shading, hit, throughput, radiance, self.scene));
+            if let Err(end) = self.scatter::<FULL>(&mut walk, &shading, stream, 1) {
+                break end;
             }
-            if depth >= self.max_depth {
-                known = depth == 0 && !(FULL && self.scene.facts().opacity);
-                break End::Depth;
-            }
-            counters.vertices += 1;
-            radiance += throughput * self.direct::<FULL>(&shading, depth, stream, counters);
-
-            // The next segment is worth tracing if the path may go on from its end, or if light that its
-            // end gives is counted there.
-            let next = depth + 1;
-            let delta_only = next == self.max_depth && !self.direct.rays_find_light();
-            if delta_only && !self.scene.facts().delta {
-                break End::Depth;
-            }
-            let u_lobe = stream.one(dimension::at(depth, dimension::LOBE));
-            let u = stream.two(dimension::at(depth, dimension::DIRECTION));
-            let Some(sample) = shading.bsdf.sample(shading.wo, u_lobe, u) else {
-                known = depth == 0 && !(FULL && self.scene.facts().opacity) && shading.bsdf.albedo() == Rgb::ZERO;
-                break End::Absorbed;
-            };
-            let wi = shading.frame.to_world(sample.wi);
-            let leaves_front = (wi.dot(shading.point.ng) > 0.0) != sample.transmission;
-            if leaves_front != shading.front {
-                break End::Shading;
-            }
-            throughput *= sample.weight;
-            eta2 *= sample.eta * sample.eta;
-            if throughput == Rgb::ZERO {
-                known = depth == 0 && !(FULL && self.scene.facts().opacity) && shading.bsdf.albedo() == Rgb::ZERO;
-                break End::Absorbed;
-            }
-            if delta_only && !sample.delta {
-                break End::Depth;
-            }
-            if let Some(q) = survival(self.roulette, next, throughput * eta2) {
-                if stream.one(dimension::at(depth, dimension::ROULETTE)) >= q {
-                    break End::Roulette;
-                }
-                throughput /= q;
-            }
-            arrival = match self.direct {
-                _ if sample.delta => Arrival::Only,
-                Strategy::Bsdf => Arrival::Only,
-                Strategy::Mis => Arrival::Sampled { pdf: sample.pdf, from: shading.reference },
-                Strategy::Light | Strategy::Hemisphere => Arrival::Counted,
-            };
-            ray = spawn(shading.point.p, shading.point.p_error, shading.point.ng, wi);
-            depth = next;
         };
         if let Some(probe) = probe {
-            probe.end(end, radiance);
+            probe.end(end, walk.radiance);
         }
-        Sample { radiance, known }
+        Sample { radiance: walk.radiance, known: walk.known }
+    }
+
+    /// Go on from a vertex in several ways; each brings its share.
+    fn split<const FULL: bool>(
+        &self,
+        walk: &mut Walk,
+        shading: &Shading,
+        stream: &Stream,
+        counters: &mut Counters,
+        probe: &mut Option<&mut dyn Probe>,
+    ) -> End {
+        let mut last = End::Depth;
+        let mut sum = Rgb::ZERO;
+        walk.known = true;
+        for k in 0..self.splits {
+            let stream = stream.fork(k, self.splits);
+            let mut branch = Walk { radiance: Rgb::ZERO, known: false, ..*walk };
+            let mut scattered = self.scatter::<FULL>(&mut branch, shading, &stream, self.splits);
+            last = loop {
+                if let Err(end) = scattered {
+                    break end;
+                }
+                scattered = match self.arrive::<FULL>(&mut branch, &stream, 1, counters, probe) {
+                    Ok(shading) => self.scatter::<FULL>(&mut branch, &shading, &stream, 1),
+                    Err(end) => Err(end),
+                };
+            };
+            sum += branch.radiance;
+            walk.known &= branch.known;
+        }
+        walk.radiance += sum / self.splits as f32;
+        last
+    }
+
+    /// Follow the ray to its vertex and gather light there; `Err` where the path ends. `splits` is in how many ways it
+    /// would go on if this were no delta.
+    #[inline(always)]
+    fn arrive<const FULL: bool>(
+        &self,
+        walk: &mut Walk,
+        stream: &Stream,
+        splits: u32,
+        counters: &mut Counters,
+        probe: &mut Option<&mut dyn Probe>,
+    ) -> Result<Shading, End> {
+        let depth = walk.depth;
+        let opacity = dimension::at(depth, dimension::OPACITY);
+        let Some(hit) = self.visible::<FULL>(&mut walk.ray, stream, opacity, counters) else {
+            walk.known = depth == 0 && !(FULL && self.scene.facts().opacity);
+            if self.counts(depth) && self.scene.facts().environment {
+                let wi = walk.ray.direction.normalize();
+                let weight = self.weight(&walk.arrival, |from| self.scene.lights().environment_pdf(from, wi));
+                walk.radiance += walk.throughput * (self.scene.lights().environment(wi) * weight);
+            }
+            return Err(End::Escaped);
+        };
+        let point = self.scene.point::<FULL>(&walk.ray, &hit);
+        if point.emitter != NO_EMITTER && self.counts(depth) {
+            walk.radiance += walk.throughput * self.found(&point, &walk.ray, &walk.arrival);
+        }
+        let to_eye = -walk.ray.direction.normalize();
+        let shading = self.shade(point, to_eye);
+        if let Some(probe) = probe.as_deref_mut() {
+            probe.vertex(&Vertex::new(depth, &shading, hit, walk.throughput, walk.radiance, self.scene));
+        }
+        if depth >= self.max_depth {
+            walk.known = depth == 0 && !(FULL && self.scene.facts().opacity);
+            return Err(End::Depth);
+        }
+        counters.vertices += 1;
+        walk.radiance += walk.throughput * self.direct::<FULL>(&shading, depth, splits, stream, counters);
+        Ok(shading)
+    }
+
+    /// Choose where the path goes on from a vertex, one of `splits` ways; `Err` where it ends.
+    #[inline(always)]
+    fn scatter<const FULL: bool>(
+        &self,
+        walk: &mut Walk,
+        shading: &Shading,
+        stream: &Stream,
+        splits: u32,
+    ) -> Result<(), End> {
+        // The next segment is worth tracing if the path may go on from its end, or if light that its
+        // end gives is counted there.
+        let (depth, next) = (walk.depth, walk.depth + 1);
+        let delta_only = next == self.max_depth && !self.direct.rays_find_light();
+        if delta_only && !self.scene.facts().delta {
+            return Err(End::Depth);
+        }
+        let u_lobe = stream.one(dimension::at(depth, dimension::LOBE));
+        let u = stream.two(dimension::at(depth, dimension::DIRECTION));
+        let black = || depth == 0 && !(FULL && self.scene.facts().opacity) && shading.bsdf.albedo() == Rgb::ZERO;
+        let Some(sample) = shading.bsdf.sample(shading.wo, u_lobe, u) else {
+            walk.known = black();
+            return Err(End::Absorbed);
+        };
+        let wi = shading.frame.to_world(sample.wi);
+        let leaves_front = (wi.dot(shading.point.ng) > 0.0) != sample.transmission;
+        if leaves_front != shading.front {
+            return Err(End::Shading);
+        }
+        walk.throughput *= sample.weight;
+        walk.eta2 *= sample.eta * sample.eta;
+        if walk.throughput == Rgb::ZERO {
+            walk.known = black();
+            return Err(End::Absorbed);
+        }
+        if delta_only && !sample.delta {
+            return Err(End::Depth);
+        }
+        if let Some(q) = survival(self.roulette, next, walk.throughput * walk.eta2) {
+            if stream.one(dimension::at(depth, dimension::ROULETTE)) >= q {
+                return Err(End::Roulette);
+            }
+            walk.throughput /= q;
+        }
+        walk.arrival = match self.direct {
+            _ if sample.delta => Arrival::Only,
+            Strategy::Bsdf => Arrival::Only,
+            Strategy::Mis => Arrival::Sampled { pdf: splits as f32 * sample.pdf, from: shading.reference },
+            Strategy::Light | Strategy::Hemisphere => Arrival::Counted,
+        };
+        walk.ray = spawn(shading.point.p, shading.point.p_error, shading.point.ng, wi);
+        walk.depth = next;
+        Ok(())
     }
 
     /// Whether light of `scatterings` belongs to the picture.

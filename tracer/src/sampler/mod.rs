@@ -71,6 +71,12 @@ impl Sampler {
         Stream { kind: self.kind, key, index, batch: self.batch, strata: self.strata }
     }
 
+    /// The sampler of streams that were [forked](Stream::fork) `n` ways.
+    #[must_use]
+    pub fn forked(&self, n: u32) -> Self {
+        Self::new(self.kind, self.seed, self.frame, self.batch.saturating_mul(n))
+    }
+
     /// Whether its numbers are those of [`plain_one`] and [`plain_two`]: Sobol' points in batches of a power of two.
     #[must_use]
     pub fn is_plain(&self) -> bool {
@@ -78,38 +84,76 @@ impl Sampler {
     }
 }
 
-/// The place of a point in its batch. `TABLED`: batches are of [`permute::TABLED`].
-#[inline(always)]
-fn place<const TABLED: bool>(index: u32, batch: u32, seed: u64) -> u32 {
-    if TABLED {
-        permute::permute16(index, seed as u32)
-    } else {
-        permute::permute_power_of_two(index, batch, seed as u32)
+/// How many points the sets have that decisions of a wave draw from: of whole paths, and of paths that were
+/// [forked](Stream::fork).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Batches {
+    batch: u32,
+    splits: u32,
+}
+
+impl Batches {
+    /// Of a sampler that [`Sampler::is_plain`]; paths are forked `splits` ways, a power of two.
+    #[must_use]
+    pub fn new(sampler: &Sampler, splits: u32) -> Self {
+        Self { batch: sampler.batch, splits }
+    }
+
+    /// The code for them: the first parameter of [`plain_one`] and [`plain_two`].
+    #[must_use]
+    pub fn code(self) -> u32 {
+        match (self.batch == permute::TABLED, self.splits > 1) {
+            (true, false) => TABLED,
+            (false, false) => COMPUTED,
+            (true, true) => TABLED_FORKED,
+            (false, true) => COMPUTED_FORKED,
+        }
+    }
+
+    /// The place of a point in its batch.
+    #[inline(always)]
+    fn place<const CODE: u32>(self, index: u32, forked: bool, seed: u32) -> u32 {
+        let computed = |batch| permute::permute_power_of_two(index, batch, seed);
+        match CODE {
+            TABLED => permute::permute16(index, seed),
+            COMPUTED => computed(self.batch),
+            TABLED_FORKED => {
+                let mask = u32::from(forked).wrapping_neg();
+                computed(self.batch * self.splits) & mask | permute::permute16(index, seed) & !mask
+            }
+            _ if self.batch * self.splits == permute::TABLED => {
+                let mask = u32::from(forked).wrapping_neg();
+                permute::permute16(index, seed) & mask | computed(self.batch) & !mask
+            }
+            _ => computed(self.batch << (u32::from(forked) * self.splits.trailing_zeros())),
+        }
     }
 }
 
-/// Whether batches have the size whose orders are tabled.
-#[inline(always)]
-#[must_use]
-pub fn is_tabled(batch: u32) -> bool {
-    batch == permute::TABLED
-}
+/// Batches of the size whose orders are tabled; no path is forked.
+pub const TABLED: u32 = 0;
+/// Batches of another power of two.
+pub const COMPUTED: u32 = 1;
+/// As [`TABLED`], some paths forked.
+pub const TABLED_FORKED: u32 = 2;
+/// As [`COMPUTED`], some paths forked.
+pub const COMPUTED_FORKED: u32 = 3;
 
 /// [`Stream::two`] of a stream with these parts, for a sampler that [`Sampler::is_plain`]. Without branches, so
 /// that loops over it become vector code.
 #[inline(always)]
 #[must_use]
-pub fn plain_two<const TABLED: bool>(key: u64, index: u32, batch: u32, dimension: u32) -> Vec2 {
+pub fn plain_two<const CODE: u32>(key: u64, index: u32, forked: bool, batches: Batches, dimension: u32) -> Vec2 {
     let seed = hash::dimension(key, dimension);
-    sobol::two(place::<TABLED>(index, batch, seed), seed)
+    sobol::two(batches.place::<CODE>(index, forked, seed as u32), seed)
 }
 
 /// [`Stream::one`] of the same stream.
 #[inline(always)]
 #[must_use]
-pub fn plain_one<const TABLED: bool>(key: u64, index: u32, batch: u32, dimension: u32) -> f32 {
+pub fn plain_one<const CODE: u32>(key: u64, index: u32, forked: bool, batches: Batches, dimension: u32) -> f32 {
     let seed = hash::dimension(key, dimension);
-    sobol::one(place::<TABLED>(index, batch, seed), seed)
+    sobol::one(batches.place::<CODE>(index, forked, seed as u32), seed)
 }
 
 impl Stream {
@@ -153,6 +197,17 @@ impl Stream {
     #[must_use]
     pub fn split(&self, k: u32) -> Stream {
         Stream { key: hash::mix(self.key ^ u64::from(k).wrapping_mul(0x9E37_79B9_7F4A_7C15)), ..*self }
+    }
+}
+
+impl Stream {
+    /// Way `k` of `n` in which a path goes on: point `index x n + k` of a batch `n` times as large, so that the ways of
+    /// all points of a batch together are spread evenly.
+    #[inline]
+    #[must_use]
+    pub fn fork(&self, k: u32, n: u32) -> Stream {
+        let batch = self.batch.saturating_mul(n);
+        Stream { index: self.index * n + k, batch, strata: stratified::Strata::new(batch), ..*self }
     }
 }
 

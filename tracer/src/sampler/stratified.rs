@@ -18,14 +18,8 @@ impl Strata {
     /// The grid nearest to a square with at least `batch` cells. Where cells are left over, which ones is
     /// chosen at random, so that every point is still uniform.
     pub(super) fn new(batch: u32) -> Self {
-        let mut rows = 1;
-        while (rows + 1) * (rows + 1) <= batch {
-            rows += 1;
-        }
-        // An even cut of a power of two that is no square: 8 is 4 x 2, not 4 x 2 with holes.
-        if batch.is_power_of_two() {
-            rows = 1 << (batch.trailing_zeros() / 2);
-        }
+        // An even cut of a power of two that is no square: 8 is 4 x 2, not 3 x 3 with a hole.
+        let rows = if batch.is_power_of_two() { 1 << (batch.trailing_zeros() / 2) } else { batch.isqrt().max(1) };
         Self { batch, columns: batch.div_ceil(rows), rows }
     }
 

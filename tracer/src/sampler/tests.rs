@@ -38,6 +38,28 @@ fn a_sobol_batch_has_one_point_in_every_elementary_interval() {
 }
 
 #[test]
+fn forks_of_a_batch_are_a_batch_together() {
+    for (batch, ways) in [(16, 4), (8, 2), (16, 1)] {
+        let sampler = Sampler::new(Kind::Sobol, 3, 1, batch);
+        let m = (batch * ways).trailing_zeros();
+        for dimension in 0..25 {
+            let streams = || (0..batch).map(|i| sampler.stream(dimension, 7, 3 * batch + i));
+            let forks: Vec<Stream> = streams().flat_map(|s| (0..ways).map(move |k| s.fork(k, ways))).collect();
+            let points: Vec<Vec2> = forks.iter().map(|s| s.two(dimension)).collect();
+            for k in 0..=m {
+                assert!(one_in_each(&points, 1 << k, 1 << (m - k)), "{batch} x {ways}, dimension {dimension} k {k}");
+            }
+            // And they can be found again by their parts.
+            let again = sampler.forked(ways);
+            for fork in &forks {
+                let (key, index) = fork.parts();
+                assert_eq!(again.resume(key, index).one(dimension), fork.one(dimension));
+            }
+        }
+    }
+}
+
+#[test]
 fn a_stratified_batch_has_one_point_in_every_cell() {
     let sampler = Sampler::new(Kind::Stratified, 3, 1, 16);
     for batch in 0..100 {

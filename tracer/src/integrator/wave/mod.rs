@@ -27,7 +27,7 @@ use crate::{
     light::Reference,
     material::Material,
     math::{Rgb, Vec2, Vec3},
-    sampler::Sampler,
+    sampler::{Batches, Sampler},
     scene::Point,
 };
 
@@ -49,6 +49,14 @@ pub struct FirstHit {
     pub ns: Vec3,
     /// Depth along the camera's axis.
     pub camera_depth: f32,
+}
+
+/// Where numbers come from.
+struct Samplers<'a> {
+    /// Of whole paths, and of forked ones.
+    whole: &'a Sampler,
+    forked: &'a Sampler,
+    batches: Batches,
 }
 
 /// As many requests at once keep nearly all lanes busy to the end, and what comes of them in the nearest cache.
@@ -91,12 +99,16 @@ impl Integrator<'_> {
         features: bool,
         counters: &mut Counters,
     ) {
-        wave.begin(requests.len(), features);
+        wave.begin(requests.len(), self.splits, features);
+        let forked = sampler.forked(self.splits);
+        let samplers = Samplers { whole: sampler, forked: &forked, batches: Batches::new(sampler, self.splits) };
         let mut next = 0;
         loop {
-            next = self.wave_camera(wave, sampler, requests, next);
-            if wave.active() == 0 {
-                return;
+            if wave.forks.is_empty() {
+                next = self.wave_camera(wave, &samplers, requests, next);
+                if wave.active() == 0 {
+                    return wave.join(self.splits);
+                }
             }
             let others = self.wave_trace(wave, counters);
             self.wave_surface(wave, others);
@@ -111,19 +123,22 @@ impl Integrator<'_> {
             }
             counters.vertices += u64::from(wave.active().count_ones());
             if self.direct.samples_lights() && !self.scene.lights().is_dark() {
-                self.wave_direct(wave, sampler, counters);
+                self.wave_direct(wave, &samplers, counters);
             }
-            self.wave_scatter(wave, sampler);
+            if self.splits > 1 {
+                wave.fork(self.splits);
+            }
+            self.wave_scatter(wave, &samplers);
         }
     }
 
     /// Give idle lanes to the requests from `next` on. The first request that found none.
-    fn wave_camera(&self, wave: &mut Wave, sampler: &Sampler, requests: &[[u32; 3]], next: usize) -> usize {
+    fn wave_camera(&self, wave: &mut Wave, samplers: &Samplers, requests: &[[u32; 3]], next: usize) -> usize {
         let n = (wave.idle.count_ones() as usize).min(requests.len() - next);
         if n == 0 {
             return next;
         }
-        let requests = &requests[next..next + n];
+        let (requests, sampler) = (&requests[next..next + n], samplers.whole);
         // Samples of a batch share a key.
         let mut before: Option<([u32; 3], u64, u32)> = None;
         for (i, &[x, y, sample]) in requests.iter().enumerate() {
@@ -140,7 +155,7 @@ impl Integrator<'_> {
         }
         let camera = self.scene.camera();
         if camera.is_plain() && sampler.is_plain() {
-            stages::camera_rays(wave.proven, &mut wave.fresh, n, camera, sampler.batch());
+            stages::camera_rays(wave.proven, &mut wave.fresh, n, camera, samplers.batches);
         } else {
             for (i, &[x, y, _]) in requests.iter().enumerate() {
                 let stream = sampler.resume(wave.fresh.key[i], wave.fresh.index[i]);
@@ -162,6 +177,7 @@ impl Integrator<'_> {
             wave.radiance.set(i, Rgb::ZERO);
             wave.throughput.set(i, Rgb::ONE);
             wave.eta2[i] = 1.0;
+            (wave.forked[i], wave.ways[i]) = (NO, self.splits as f32);
             wave.came[i] = Came::Only;
             wave.depth[i] = 0;
         }
@@ -269,9 +285,9 @@ impl Integrator<'_> {
     }
 
     /// Direct light: one sample of one light for each path.
-    fn wave_direct(&self, wave: &mut Wave, sampler: &Sampler, counters: &mut Counters) {
+    fn wave_direct(&self, wave: &mut Wave, samplers: &Samplers, counters: &mut Counters) {
         stages::gather(wave.proven, wave, self.counted.0, self.counted.1);
-        wave.draw_two(sampler, dimension::LIGHT);
+        wave.draw_two(samplers, dimension::LIGHT);
         let gathers = mask_of(&wave.gathers);
         if gathers == 0 {
             return;
@@ -281,10 +297,10 @@ impl Integrator<'_> {
             let imprecise = gathers & mask_of(&wave.infinite);
             if imprecise != 0 {
                 // The solid angle could not be told: by area, as one path would.
-                self.wave_light_samples(wave, sampler, imprecise);
+                self.wave_light_samples(wave, samplers, imprecise);
             }
         } else {
-            self.wave_light_samples(wave, sampler, gathers);
+            self.wave_light_samples(wave, samplers, gathers);
         }
         stages::direct_diffuse(wave.proven, wave, self.direct == Strategy::Mis);
         for i in lanes_of(gathers & wave.others) {
@@ -318,13 +334,13 @@ impl Integrator<'_> {
     }
 
     /// Light samples of any kind, for the lanes in `gathers` whose material is no delta.
-    fn wave_light_samples(&self, wave: &mut Wave, sampler: &Sampler, gathers: u64) {
+    fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, gathers: u64) {
         let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
         for i in lanes_of(gathers) {
             wave.lit[i] = NO;
             if wave.scatters[i] != Scatters::Delta {
                 if self.choice {
-                    picks[n] = wave.stream(sampler, i).one(dimension::at(wave.depth[i], dimension::LIGHT_CHOICE));
+                    picks[n] = wave.stream(samplers, i).one(dimension::at(wave.depth[i], dimension::LIGHT_CHOICE));
                 }
                 lanes[n] = i;
                 n += 1;
@@ -366,14 +382,15 @@ impl Integrator<'_> {
         }
         let delta = wave.light_pdf[i] < 0.0;
         let pdf = wave.light_pdf[i].abs();
-        let weight = if self.direct == Strategy::Mis && !delta { power_heuristic(pdf, eval.pdf) } else { 1.0 };
+        let weight =
+            if self.direct == Strategy::Mis && !delta { power_heuristic(pdf, wave.ways[i] * eval.pdf) } else { 1.0 };
         let brings = eval.f_cos * wave.light_radiance.at(i) * (weight / pdf);
         wave.lit[i] = Flag::from(brings != Rgb::ZERO);
         wave.brings.set(i, brings);
     }
 
     /// Go on along sampled directions.
-    fn wave_scatter(&self, wave: &mut Wave, sampler: &Sampler) {
+    fn wave_scatter(&self, wave: &mut Wave, samplers: &Samplers) {
         let delta_only = !self.direct.rays_find_light();
         let came = match self.direct {
             Strategy::Mis => Came::Sampled,
@@ -382,7 +399,7 @@ impl Integrator<'_> {
         };
         // Of Lambert's law nothing is looked for after so many scatterings.
         let last = if delta_only { self.max_depth } else { u32::MAX };
-        wave.draw_two(sampler, dimension::DIRECTION);
+        wave.draw_two(samplers, dimension::DIRECTION);
         stages::scatter_diffuse(wave.proven, wave, came, last);
         for i in lanes_of(mask_of(&wave.ended)) {
             let wo_z = wave.wo.at(i).z;
@@ -394,29 +411,29 @@ impl Integrator<'_> {
         }
         if wave.others != 0 {
             for i in lanes_of(wave.others & wave.active()) {
-                self.wave_scatter_other(wave, sampler, came, i);
+                self.wave_scatter_other(wave, samplers, came, i);
             }
         }
-        if self.roulette == Roulette::Throughput && sampler.is_plain() {
-            stages::roulette(wave.proven, wave, FIRST, sampler.batch());
+        if self.roulette == Roulette::Throughput && samplers.whole.is_plain() {
+            stages::roulette(wave.proven, wave, FIRST, samplers.batches);
             for i in lanes_of(mask_of(&wave.ended)) {
                 wave.end(i, false);
             }
         } else {
-            self.wave_roulette(wave, sampler);
+            self.wave_roulette(wave, samplers);
         }
         stages::spawn_rays(wave.proven, wave);
     }
 
     /// A direction of a material that the stages do not know.
-    fn wave_scatter_other(&self, wave: &mut Wave, sampler: &Sampler, came: Came, i: usize) {
+    fn wave_scatter_other(&self, wave: &mut Wave, samplers: &Samplers, came: Came, i: usize) {
         let depth = wave.depth[i];
         let last = depth + 1 == self.max_depth && !self.direct.rays_find_light();
         if last && !self.scene.facts().delta {
             return wave.end(i, false);
         }
         let bsdf = self.wave_material(wave, i).bsdf(Vec2::ZERO);
-        let u_lobe = wave.stream(sampler, i).one(dimension::at(depth, dimension::LOBE));
+        let u_lobe = wave.stream(samplers, i).one(dimension::at(depth, dimension::LOBE));
         let u = Vec2::new(wave.u[0][i], wave.u[1][i]);
         let Some(sample) = bsdf.sample(wave.wo.at(i), u_lobe, u) else {
             return wave.end(i, depth == 0 && bsdf.albedo() == Rgb::ZERO);
@@ -437,14 +454,14 @@ impl Integrator<'_> {
             return wave.end(i, false);
         }
         wave.came[i] = if sample.delta { Came::Only } else { came };
-        wave.pdf[i] = sample.pdf;
+        wave.pdf[i] = wave.ways[i] * sample.pdf;
     }
 
-    fn wave_roulette(&self, wave: &mut Wave, sampler: &Sampler) {
+    fn wave_roulette(&self, wave: &mut Wave, samplers: &Samplers) {
         for i in lanes_of(wave.active()) {
             let (depth, throughput) = (wave.depth[i], wave.throughput.at(i));
             if let Some(q) = super::survival(self.roulette, depth + 1, throughput * wave.eta2[i]) {
-                if wave.stream(sampler, i).one(dimension::at(depth, dimension::ROULETTE)) >= q {
+                if wave.stream(samplers, i).one(dimension::at(depth, dimension::ROULETTE)) >= q {
                     wave.end(i, false);
                 } else {
                     wave.throughput.set(i, throughput / q);

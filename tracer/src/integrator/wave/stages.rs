@@ -8,7 +8,7 @@ use crate::{
     lanes::{Flag, NO, YES, covering, stage},
     light::Lamp,
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
-    sampler::{is_tabled, plain_one, plain_two},
+    sampler::{Batches, COMPUTED, COMPUTED_FORKED, TABLED, TABLED_FORKED, plain_one, plain_two},
 };
 
 stage! {
@@ -44,20 +44,19 @@ stage! {
 
 stage! {
     /// Rays of a plain camera, with numbers of a plain sampler, for the first `n` paths that begin.
-    pub(super) fn camera_rays(fresh: &mut Fresh, n: usize, camera: &Camera, batch: u32) {
-        if is_tabled(batch) {
-            camera_rays_by::<true>(fresh, n, camera, batch);
-        } else {
-            camera_rays_by::<false>(fresh, n, camera, batch);
+    pub(super) fn camera_rays(fresh: &mut Fresh, n: usize, camera: &Camera, batches: Batches) {
+        match batches.code() {
+            TABLED | TABLED_FORKED => camera_rays_by::<TABLED>(fresh, n, camera, batches),
+            _ => camera_rays_by::<COMPUTED>(fresh, n, camera, batches),
         }
     }
 }
 
 #[inline(always)]
-fn camera_rays_by<const TABLED: bool>(fresh: &mut Fresh, n: usize, camera: &Camera, batch: u32) {
+fn camera_rays_by<const CODE: u32>(fresh: &mut Fresh, n: usize, camera: &Camera, batches: Batches) {
     let camera = *camera;
     for i in 0..covering(n) {
-        let u = plain_two::<TABLED>(fresh.key[i], fresh.index[i], batch, dimension::FILM);
+        let u = plain_two::<CODE>(fresh.key[i], fresh.index[i], false, batches, dimension::FILM);
         let ray = camera.plain_ray(fresh.x[i], fresh.y[i], u);
         fresh.origin.set(i, ray.origin);
         fresh.direction.set(i, ray.direction);
@@ -67,19 +66,21 @@ fn camera_rays_by<const TABLED: bool>(fresh: &mut Fresh, n: usize, camera: &Came
 
 stage! {
     /// A pair of numbers for decision `which` of each path, of a plain sampler.
-    pub(super) fn draw_two(w: &mut Wave, which: u32, batch: u32) {
-        if is_tabled(batch) {
-            draw_two_by::<true>(w, which, batch);
-        } else {
-            draw_two_by::<false>(w, which, batch);
+    pub(super) fn draw_two(w: &mut Wave, which: u32, batches: Batches) {
+        match batches.code() {
+            TABLED => draw_two_by::<TABLED>(w, which, batches),
+            COMPUTED => draw_two_by::<COMPUTED>(w, which, batches),
+            TABLED_FORKED => draw_two_by::<TABLED_FORKED>(w, which, batches),
+            _ => draw_two_by::<COMPUTED_FORKED>(w, which, batches),
         }
     }
 }
 
 #[inline(always)]
-fn draw_two_by<const TABLED: bool>(w: &mut Wave, which: u32, batch: u32) {
+fn draw_two_by<const CODE: u32>(w: &mut Wave, which: u32, batches: Batches) {
     for i in 0..covering(w.n) {
-        let u = plain_two::<TABLED>(w.key[i], w.index[i], batch, dimension::at(w.depth[i], which));
+        let forked = w.forked[i] == YES;
+        let u = plain_two::<CODE>(w.key[i], w.index[i], forked, batches, dimension::at(w.depth[i], which));
         (w.u[0][i], w.u[1][i]) = (u.x, u.y);
     }
 }
@@ -128,7 +129,7 @@ stage! {
             let scatter_pdf = wi.z.abs() * INV_PI;
             let f_cos = w.reflectance.at(i) * scatter_pdf;
             let (signed, pdf) = (w.light_pdf[i], w.light_pdf[i].abs());
-            let weight = select(mis & (signed > 0.0), power_heuristic(pdf, scatter_pdf), 1.0);
+            let weight = select(mis & (signed > 0.0), power_heuristic(pdf, w.ways[i] * scatter_pdf), 1.0);
             let brings = f_cos * w.light_radiance.at(i) * (weight / pdf);
             let some = (brings.x != 0.0) | (brings.y != 0.0) | (brings.z != 0.0);
             let lit = (w.gathers[i] & w.lit[i] == YES) & (!diffuse | (transmission == passes) & above & some);
@@ -173,7 +174,7 @@ stage! {
             let back = wo_z < 0.0;
             let scatters = (wo_z > 0.0) | back & (w.two_sided[i] == YES);
             let mut local = cosine_hemisphere(Vec2::new(w.u[0][i], w.u[1][i]));
-            let pdf = local.z * INV_PI;
+            let pdf = w.ways[i] * (local.z * INV_PI);
             local.z = select(back, -local.z, local.z);
             let ng = w.ng.at(i);
             let wi = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: ng }.to_world(local);
@@ -193,24 +194,25 @@ stage! {
 
 stage! {
     /// Roulette by throughput, with numbers of a plain sampler.
-    pub(super) fn roulette(w: &mut Wave, after: u32, batch: u32) {
-        if is_tabled(batch) {
-            roulette_by::<true>(w, after, batch);
-        } else {
-            roulette_by::<false>(w, after, batch);
+    pub(super) fn roulette(w: &mut Wave, after: u32, batches: Batches) {
+        match batches.code() {
+            TABLED => roulette_by::<TABLED>(w, after, batches),
+            COMPUTED => roulette_by::<COMPUTED>(w, after, batches),
+            TABLED_FORKED => roulette_by::<TABLED_FORKED>(w, after, batches),
+            _ => roulette_by::<COMPUTED_FORKED>(w, after, batches),
         }
     }
 }
 
 #[inline(always)]
-fn roulette_by<const TABLED: bool>(w: &mut Wave, after: u32, batch: u32) {
+fn roulette_by<const CODE: u32>(w: &mut Wave, after: u32, batches: Batches) {
     for i in 0..covering(w.n) {
         let throughput = w.throughput.at(i);
         let left = throughput * w.eta2[i];
         let (xy, z) = (select(left.x > left.y, left.x, left.y), left.z);
         let q = select(xy > z, xy, z);
         let dimension = dimension::at(w.depth[i], dimension::ROULETTE);
-        let u = plain_one::<TABLED>(w.key[i], w.index[i], batch, dimension);
+        let u = plain_one::<CODE>(w.key[i], w.index[i], w.forked[i] == YES, batches, dimension);
         let plays = (w.alive[i] == YES) & (w.depth[i] + 1 > after) & (q < 1.0);
         w.ended[i] = Flag::from(plays & (u >= q));
         w.throughput.set(i, select3(plays, throughput / q, throughput));
@@ -222,6 +224,7 @@ stage! {
     pub(super) fn spawn_rays(w: &mut Wave) {
         for i in 0..covering(w.n) {
             w.depth[i] += 1;
+            w.ways[i] = select(w.forked[i] == YES, 1.0, w.ways[i]);
             let ray = spawn(w.p.at(i), w.p_error.at(i), w.ng.at(i), w.wi.at(i));
             w.origin.set(i, ray.origin);
             w.direction.set(i, ray.direction);

@@ -1,13 +1,13 @@
 //! What is known of the paths of a wave.
 
-use super::{FirstHit, Traced, stages};
+use super::{FirstHit, Samplers, Traced, stages};
 use crate::{
     geometry::{FewRays, Found, Ray},
     integrator::{Arrival, Sample, dimension},
     lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES, lanes_of, mask_of},
     light::{LightSample, Reference},
-    math::{Frame, Rgb},
-    sampler::{Sampler, Stream},
+    math::{Frame, Rgb, Vec3},
+    sampler::Stream,
     scene::{NO_EMITTER, Record},
 };
 
@@ -42,13 +42,20 @@ pub struct Wave {
     pub(super) idle: u64,
     /// Which sample a lane is.
     pub(super) slot: Lane<u32>,
+    /// Which of all ways a forked path is.
+    pub(super) way: Lane<u32>,
     pub(super) key: Lane<u64>,
     pub(super) index: Lane<u32>,
     pub(super) alive: Lane<Flag>,
     /// Scatterings so far.
     pub(super) depth: Lane<u32>,
+    /// Whether the path is one way of several, and in how many ways it goes on from this vertex if that is no delta.
+    pub(super) forked: Lane<Flag>,
+    pub(super) ways: Lane<f32>,
     /// Paths about to begin.
     pub(super) fresh: Fresh,
+    /// Vertices from which paths are still to go on.
+    pub(super) forks: Vec<Fork>,
     // The ray, and what light along it counts for.
     pub(super) origin: Lane3,
     pub(super) direction: Lane3,
@@ -108,6 +115,34 @@ pub struct Wave {
     /// Of each request, its sample; and its first hit, where that is wanted.
     pub(super) samples: Vec<Sample>,
     pub(super) firsts: Vec<Option<FirstHit>>,
+    /// Whether its path was forked; and what came of each way.
+    pub(super) splits: Vec<bool>,
+    pub(super) branches: Vec<Sample>,
+}
+
+/// A vertex from which a path goes on in several ways: all that scattering needs to know of it.
+#[derive(Debug)]
+pub(super) struct Fork {
+    /// Ways taken so far.
+    taken: u32,
+    slot: u32,
+    key: u64,
+    index: u32,
+    depth: u32,
+    throughput: Rgb,
+    eta2: f32,
+    material: u32,
+    p: Vec3,
+    p_error: Vec3,
+    frame: Frame,
+    wo: Vec3,
+    front: Flag,
+    n_reflecting: Vec3,
+    scatters: Scatters,
+    two_sided: Flag,
+    reflectance: Rgb,
+    /// 1 where stages do not know the material.
+    other: u64,
 }
 
 /// Paths about to begin, in the first lanes.
@@ -139,10 +174,13 @@ impl Wave {
             n: 0,
             idle: u64::MAX,
             slot: [0; WIDTH],
+            way: [0; WIDTH],
             key: [0; WIDTH],
             index: [0; WIDTH],
             alive: [NO; WIDTH],
             depth: [0; WIDTH],
+            forked: [NO; WIDTH],
+            ways: zero,
             fresh: Fresh {
                 x: zero,
                 y: zero,
@@ -152,6 +190,7 @@ impl Wave {
                 direction: zeros,
                 t_max: zero,
             },
+            forks: Vec::with_capacity(WIDTH),
             origin: zeros,
             direction: zeros,
             t_max: zero,
@@ -202,6 +241,8 @@ impl Wave {
             found: Found::NOTHING,
             samples: Vec::new(),
             firsts: Vec::new(),
+            splits: Vec::new(),
+            branches: Vec::new(),
         }))
     }
 
@@ -212,13 +253,19 @@ impl Wave {
         Traced { sample: self.samples[i], first: self.firsts.get(i).copied().flatten() }
     }
 
-    /// Make room for what comes of `requests` paths.
-    pub(super) fn begin(&mut self, requests: usize, features: bool) {
+    /// Make room for what comes of `requests` paths, which are forked `splits` ways.
+    pub(super) fn begin(&mut self, requests: usize, splits: u32, features: bool) {
+        let nothing = Sample { radiance: Rgb::ZERO, known: false };
         self.samples.clear();
-        self.samples.resize(requests, Sample { radiance: Rgb::ZERO, known: false });
+        self.samples.resize(requests, nothing);
+        let ways = if splits > 1 { splits as usize } else { 0 };
+        self.splits.clear();
+        self.splits.resize(if ways > 0 { requests } else { 0 }, false);
+        self.branches.resize(requests * ways, nothing);
+        self.forks.clear();
         self.firsts.clear();
         self.firsts.resize(if features { requests } else { 0 }, None);
-        self.n = requests.min(WIDTH);
+        self.n = requests.saturating_mul(splits as usize).min(WIDTH);
         // Stages look at as many lanes as there are paths: what the wave before left in the others must not be seen.
         (self.alive, self.ended, self.gathers, self.lit) = ([NO; WIDTH], [NO; WIDTH], [NO; WIDTH], [NO; WIDTH]);
         self.idle = if self.n == WIDTH { u64::MAX } else { (1 << self.n) - 1 };
@@ -231,7 +278,8 @@ impl Wave {
     }
 
     #[inline(always)]
-    pub(super) fn stream(&self, sampler: &Sampler, i: usize) -> Stream {
+    pub(super) fn stream(&self, samplers: &Samplers, i: usize) -> Stream {
+        let sampler = if self.forked[i] == YES { samplers.forked } else { samplers.whole };
         sampler.resume(self.key[i], self.index[i])
     }
 
@@ -240,7 +288,100 @@ impl Wave {
     pub(super) fn end(&mut self, i: usize, known: bool) {
         self.alive[i] = NO;
         self.idle |= 1 << i;
-        self.samples[self.slot[i] as usize] = Sample { radiance: self.radiance.at(i), known };
+        let sample = Sample { radiance: self.radiance.at(i), known };
+        if self.forked[i] == YES {
+            self.branches[self.way[i] as usize] = sample;
+        } else {
+            self.samples[self.slot[i] as usize] = sample;
+        }
+    }
+
+    /// Let paths whose surface is no delta go on in `n` ways, as lanes come free.
+    pub(super) fn fork(&mut self, n: u32) {
+        for i in lanes_of(self.active()) {
+            if self.forked[i] == YES || self.scatters[i] == Scatters::Delta {
+                continue;
+            }
+            self.forks.push(self.vertex(i));
+            let slot = self.slot[i] as usize;
+            // All that there is of the whole path: what was gathered so far.
+            self.samples[slot] = Sample { radiance: self.radiance.at(i), known: false };
+            self.splits[slot] = true;
+            self.alive[i] = NO;
+            self.idle |= 1 << i;
+        }
+        while self.idle != 0
+            && let Some(mut fork) = self.forks.pop()
+        {
+            for i in lanes_of(self.idle).take((n - fork.taken) as usize) {
+                self.idle &= !(1 << i);
+                self.go_on(i, &fork, n);
+                fork.taken += 1;
+            }
+            if fork.taken < n {
+                self.forks.push(fork);
+            }
+        }
+    }
+
+    /// Add up the ways of each path, in order.
+    pub(super) fn join(&mut self, n: u32) {
+        let ways = self.branches.chunks_exact(n as usize);
+        for ((sample, ways), _) in self.samples.iter_mut().zip(ways).zip(&self.splits).filter(|(_, split)| **split) {
+            let sum = ways.iter().fold(Rgb::ZERO, |sum, way| sum + way.radiance);
+            sample.radiance += sum / n as f32;
+            sample.known = ways.iter().all(|way| way.known);
+        }
+    }
+
+    fn vertex(&self, i: usize) -> Fork {
+        Fork {
+            taken: 0,
+            slot: self.slot[i],
+            key: self.key[i],
+            index: self.index[i],
+            depth: self.depth[i],
+            throughput: self.throughput.at(i),
+            eta2: self.eta2[i],
+            material: self.material[i],
+            p: self.p.at(i),
+            p_error: self.p_error.at(i),
+            frame: self.frame(i),
+            wo: self.wo.at(i),
+            front: self.front[i],
+            n_reflecting: self.n_reflecting.at(i),
+            scatters: self.scatters[i],
+            two_sided: self.two_sided[i],
+            reflectance: self.reflectance.at(i),
+            other: self.others >> i & 1,
+        }
+    }
+
+    /// The next of `n` ways on from `fork`, in lane `i`.
+    #[inline(always)]
+    fn go_on(&mut self, i: usize, fork: &Fork, n: u32) {
+        self.alive[i] = YES;
+        (self.forked[i], self.ways[i]) = (YES, n as f32);
+        self.slot[i] = fork.slot;
+        self.way[i] = fork.slot * n + fork.taken;
+        (self.key[i], self.index[i]) = (fork.key, fork.index * n + fork.taken);
+        self.depth[i] = fork.depth;
+        self.radiance.set(i, Rgb::ZERO);
+        self.throughput.set(i, fork.throughput);
+        self.eta2[i] = fork.eta2;
+        self.material[i] = fork.material;
+        self.p.set(i, fork.p);
+        self.p_error.set(i, fork.p_error);
+        self.tangent.set(i, fork.frame.t);
+        self.bitangent.set(i, fork.frame.b);
+        self.ng.set(i, fork.frame.n);
+        self.wo.set(i, fork.wo);
+        self.front[i] = fork.front;
+        self.n_reflecting.set(i, fork.n_reflecting);
+        self.scatters[i] = fork.scatters;
+        self.two_sided[i] = fork.two_sided;
+        self.reflectance.set(i, fork.reflectance);
+        self.others = self.others & !(1 << i) | fork.other << i;
     }
 
     pub(super) fn ray(&self, i: usize) -> Ray {
@@ -295,12 +436,12 @@ impl Wave {
     }
 
     /// A pair of numbers for each path, into `u`: those of decision `which` at its vertex.
-    pub(super) fn draw_two(&mut self, sampler: &Sampler, which: u32) {
-        if sampler.is_plain() {
-            stages::draw_two(self.proven, self, which, sampler.batch());
+    pub(super) fn draw_two(&mut self, samplers: &Samplers, which: u32) {
+        if samplers.whole.is_plain() {
+            stages::draw_two(self.proven, self, which, samplers.batches);
         } else {
             for i in lanes_of(self.active()) {
-                let u = self.stream(sampler, i).two(dimension::at(self.depth[i], which));
+                let u = self.stream(samplers, i).two(dimension::at(self.depth[i], which));
                 (self.u[0][i], self.u[1][i]) = (u.x, u.y);
             }
         }

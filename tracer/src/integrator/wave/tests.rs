@@ -129,6 +129,10 @@ fn every_sample_has_the_bits_of_one_path_alone() {
     add("one bounce", &|m| m.max_depth = 1);
     add("light", &|m| (m.direct, m.max_depth) = (Direct::Light, 3));
     add("bsdf", &|m| (m.direct, m.max_depth) = (Direct::Bsdf, 3));
+    add("four ways", &|m| m.splits = 4);
+    add("two ways after one bounce", &|m| (m.splits, m.max_depth, m.direct) = (2, 2, Direct::Light));
+    add("eight ways, bsdf", &|m| (m.splits, m.direct) = (8, Direct::Bsdf));
+    add("four ways, stratified", &|m| (m.splits, m.sampler) = (4, Kind::Stratified));
     add("late roulette", &|m| m.roulette = Roulette::Late);
     add("direct", &|m| m.only = Some(Only::Direct));
     add("indirect", &|m| m.only = Some(Only::Indirect));
@@ -153,8 +157,9 @@ fn every_sample_has_the_bits_of_one_path_alone() {
 fn instructions_do_not_show() {
     let scene = scene(json!({ "shapes": [lamp()] }), balls());
     for compiled in Compiled::ALL {
-        for batch in [16, 5] {
-            assert!(compare(&format!("{compiled:?}"), &scene, &Method::default(), batch, compiled) > 1000);
+        for (batch, splits) in [(16, 1), (5, 1), (16, 4), (8, 2), (5, 4)] {
+            let method = Method { splits, ..Method::default() };
+            assert!(compare(&format!("{compiled:?}"), &scene, &method, batch, compiled) > 1000);
         }
     }
 }
