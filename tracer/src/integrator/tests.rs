@@ -157,7 +157,7 @@ fn a_white_furnace_has_no_variance() {
 fn methods_agree_with_each_other() {
     let scene = room();
     let reference = render(&scene, &Method::default(), samples(1024), 16);
-    let cases: [(&str, Method); 15] = [
+    let cases: [(&str, Method); 18] = [
         ("bsdf", with(|m| m.direct = Direct::Bsdf)),
         ("late roulette", with(|m| m.roulette = Roulette::Late)),
         ("hemisphere", with(|m| m.direct = Direct::Hemisphere)),
