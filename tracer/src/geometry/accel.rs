@@ -14,7 +14,7 @@ use super::{
         traverse::{Items, Nearest, Traverse},
     },
     disk,
-    few::{self, Few, FewRays, Found, Rays},
+    few::{self, Few, FewRays, Found, Rays, Spared},
     simd::{Portable, Proof},
     sphere, surface, textbook,
     triangle::{self, RayFrame},
@@ -188,6 +188,13 @@ impl Accel {
         let &(shape, primitive) = self.few_places.get(found.primitive(i)?)?;
         let instance = Hit::NO_INSTANCE;
         Some(Hit { t: found.t[i], instance, shape, primitive, b1: found.b1[i], b2: found.b2[i] })
+    }
+
+    /// Where [`Accel::is_small`], the bits in [`Rays::spared`] for rays that leave primitive `id` from well within (every
+    /// barycentric above 1/64) at a cosine of at least 1/16.
+    #[inline(always)]
+    pub(crate) fn spared(&self, id: usize) -> Spared {
+        self.few.as_ref().map_or([0; 2], |few| few.spared(id as u32))
     }
 
     /// Where [`Accel::is_small`], shape and primitive of each primitive's number.

@@ -24,6 +24,9 @@ const LANES: usize = 16;
 /// Candidates decided at once.
 const CANDIDATES: usize = 64;
 
+/// A bit for each triangle.
+pub(crate) type Spared = [u32; 2];
+
 /// Corners of a triangle, x, y, z of each.
 type Corners = [f32; 9];
 
@@ -36,6 +39,8 @@ pub(super) struct Few {
     ids: Vec<u32>,
     /// Facets of two triangles and of one, each by the axis that their normal is nearest to.
     facets: [[Vec<Facet>; 3]; 2],
+    /// Of each number in the tree, the bits of what rays from there need not be held against.
+    spared: Vec<Spared>,
     /// The largest coordinate.
     extent: f32,
     /// Numbers of spheres and disks, and the spheres around them.
@@ -56,13 +61,26 @@ impl Few {
         };
         let corners: Vec<[[f32; 3]; 3]> = triangles.iter().map(|(_, corners)| *corners).collect();
         let extent = corners.as_flattened().as_flattened().iter().fold(0.0f32, |most, x| most.max(x.abs()));
+        let facets = facet::of(&corners, extent);
+        let places = triangles.iter().map(|(id, _)| *id).chain(others.iter().map(|(id, _)| *id)).max();
+        let mut spared = vec![[0; 2]; places.map_or(0, |last| last as usize + 1)];
+        for (bits, (id, _)) in facet::spared(&corners, &facets, extent).into_iter().zip(&triangles) {
+            spared[*id as usize] = bits;
+        }
         Some(Self {
+            spared,
             triangles: std::array::from_fn(permuted),
             ids: triangles.iter().map(|(id, _)| *id).collect(),
-            facets: facet::of(&corners, extent),
+            facets,
             extent,
             others: others.into_iter().map(|(id, round)| (id, Round::new(round))).collect(),
         })
+    }
+
+    /// What a ray that leaves primitive `id` from well within, at no flat angle, need not be held against.
+    #[inline(always)]
+    pub fn spared(&self, id: u32) -> Spared {
+        self.spared.get(id as usize).copied().unwrap_or_default()
     }
 
     /// Spheres and disks that lane `i` may hit, by what [`FewRays::closest`] or [`FewRays::occluded`] has found.
@@ -258,6 +276,8 @@ pub(crate) struct Rays<'a> {
     pub origin: &'a Lane3,
     pub direction: &'a Lane3,
     pub t_max: &'a Lane<f32>,
+    /// Triangles that each need not be held against, where it is known that it does not hit them.
+    pub spared: &'a [Lane<u32>; 2],
 }
 
 impl Rays<'_> {

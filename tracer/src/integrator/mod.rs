@@ -25,7 +25,7 @@ use common::method::{Direct, Method, Only, Roulette};
 
 use crate::{
     bsdf::Bsdf,
-    geometry::{Counters, Hit, Ray, spawn},
+    geometry::{Counters, Hit, Ray, Spared, spawn},
     light::{Lamp, Reference},
     math::{Frame, Rgb, Vec2, Vec3, select},
     sampler::Stream,
@@ -63,6 +63,8 @@ pub struct Integrator<'a> {
     kernel: Kernel,
     /// The only light there is, where it is a rectangle.
     lamp: Option<Lamp>,
+    /// The lamp's triangles in a scene without a tree, and the square of its longest side.
+    lamp_spared: (Spared, f32),
 }
 
 /// How direct light is estimated; [`Direct`] with `auto` decided.
@@ -180,6 +182,7 @@ impl<'a> Integrator<'a> {
             choice: !facts.one_emitter,
             kernel: if facts.attributes() || facts.opacity { Kernel::Full } else { Kernel::Plain },
             lamp: scene.lights().lone_rectangle(),
+            lamp_spared: scene.lights().lone_rectangle().map_or(([0; 2], 0.0), |lamp| scene.lamp_spared(&lamp)),
         }
     }
 

@@ -13,6 +13,7 @@ pub struct Lamp {
     ng: Vec3,
     radiance: Rgb,
     two_sided: bool,
+    emitter: u32,
 }
 
 /// A point on the lamp.
@@ -37,11 +38,23 @@ pub struct LampSample {
 }
 
 impl Lamp {
-    /// `None` for an emitter that is no rectangle.
-    pub(super) fn new(emitter: &Emitter, radiance: Rgb, two_sided: bool) -> Option<Self> {
+    /// Emitter number `number`; `None` for one that is no rectangle.
+    pub(super) fn new(number: u32, emitter: &Emitter, radiance: Rgb, two_sided: bool) -> Option<Self> {
         let Emitter::Rectangle { corner, edge_u, edge_v } = *emitter else { return None };
         let plane = Plane::new(corner, edge_u, edge_v);
-        Some(Self { plane, corner, edge_u, edge_v, ng: plane.unit_normal(), radiance, two_sided })
+        Some(Self { plane, corner, edge_u, edge_v, ng: plane.unit_normal(), radiance, two_sided, emitter: number })
+    }
+
+    /// Its number among the emitters.
+    #[must_use]
+    pub fn emitter(&self) -> u32 {
+        self.emitter
+    }
+
+    /// Square of the longest side.
+    #[must_use]
+    pub fn size2(&self) -> f32 {
+        self.edge_u.length_squared().max(self.edge_v.length_squared())
     }
 
     /// The point that `u` chooses for the reference point `p`. Without branches, so that loops over it

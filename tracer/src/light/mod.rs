@@ -233,7 +233,7 @@ impl Lights {
         if area.table.len() != 1 || self.sampling != LightSampling::SolidAngle {
             return None;
         }
-        Lamp::new(&self.emitters[area.first as usize].shape, area.radiance, area.two_sided)
+        Lamp::new(area.first, &self.emitters[area.first as usize].shape, area.radiance, area.two_sided)
     }
 
     /// Whether nothing shines.

@@ -17,8 +17,8 @@ use common::method::{self, Direct, Method};
 
 use crate::{
     camera::Camera,
-    geometry::{Accel, BuildMethod, Counters, Hit, Options, Ray, TriangleTest, World},
-    light::Lights,
+    geometry::{Accel, BuildMethod, Counters, Hit, Options, Ray, Spared, TriangleTest, World},
+    light::{Lamp, Lights},
     material::{Flat, Material},
     math::{DAffine3, Rgb, Vec2, Vec3},
 };
@@ -198,6 +198,16 @@ impl Scene {
     #[must_use]
     pub fn record(&self, primitive: usize) -> &Record {
         &self.records[primitive]
+    }
+
+    /// The triangles of a lamp that is the only light, where the world has no tree, and the square of its longest side.
+    pub(crate) fn lamp_spared(&self, lamp: &Lamp) -> (Spared, f32) {
+        let shine = self.records.iter().enumerate().filter(|(_, record)| record.emitter == lamp.emitter());
+        let bits = shine.fold([0; 2], |[low, high], (id, _)| {
+            let spared = self.accel.spared(id);
+            [low | spared[0], high | spared[1]]
+        });
+        (bits, lamp.size2())
     }
 
     /// The same of any hit that is on no instance, with the corners of the triangle that was hit.

@@ -176,6 +176,7 @@ impl Integrator<'_> {
             wave.t_max[i] = wave.fresh.t_max[from];
             wave.radiance.set(i, Rgb::ZERO);
             wave.throughput.set(i, Rgb::ONE);
+            (wave.spared[0][i], wave.spared[1][i]) = (0, 0);
             wave.eta2[i] = 1.0;
             (wave.forked[i], wave.ways[i]) = (NO, self.splits as f32);
             wave.came[i] = Came::Only;
@@ -195,6 +196,7 @@ impl Integrator<'_> {
             origin: &wave.origin,
             direction: &wave.direction,
             t_max: &wave.t_max,
+            spared: &wave.spared,
         };
         let small = accel.closest_of(&mut wave.few, &rays, &mut wave.found, counters);
         (wave.emitters, wave.others) = (0, 0);
@@ -209,8 +211,10 @@ impl Integrator<'_> {
                     Some(corners) => {
                         (0..3).for_each(|k| wave.corners[k].set(i, corners[k]));
                         (wave.b1[i], wave.b2[i]) = (wave.found.b1[i], wave.found.b2[i]);
+                        wave.set_own(i, accel.spared(primitive));
                     }
                     None => {
+                        wave.set_own(i, [0; 2]);
                         if let Some(hit) = accel.found(&wave.found, i) {
                             others.add(i, accel.surface(&wave.ray(i), &hit));
                         }
@@ -310,12 +314,14 @@ impl Integrator<'_> {
                 Scatters::Other => self.wave_direct_other(wave, i),
             }
         }
-        stages::shadow_rays(wave.proven, wave);
+        let (lamp, size2) = self.lamp_spared;
+        stages::shadow_rays(wave.proven, wave, lamp, size2);
         for i in lanes_of(mask_of(&wave.lit) & mask_of(&wave.infinite)) {
             let ray = spawn(wave.p.at(i), wave.p_error.at(i), wave.ng.at(i), wave.wi.at(i));
             wave.shadow_origin.set(i, ray.origin);
             wave.shadow_direction.set(i, ray.direction);
             wave.shadow_t_max[i] = ray.t_max;
+            (wave.shadow_spared[0][i], wave.shadow_spared[1][i]) = (0, 0);
         }
         let rays = Rays {
             n: wave.n,
@@ -323,6 +329,7 @@ impl Integrator<'_> {
             origin: &wave.shadow_origin,
             direction: &wave.shadow_direction,
             t_max: &wave.shadow_t_max,
+            spared: &wave.shadow_spared,
         };
         let accel = self.scene.accel();
         if !accel.occluded_of(&mut wave.few, &rays, &mut wave.occluded, counters) {

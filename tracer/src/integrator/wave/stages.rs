@@ -3,13 +3,16 @@
 use super::state::{Came, Fresh, Scatters, Wave};
 use crate::{
     camera::Camera,
-    geometry::{spawn, spawn_to, surface::triangle_point},
+    geometry::{Spared, spawn, spawn_to, surface::triangle_point},
     integrator::{dimension, power_heuristic},
     lanes::{Flag, NO, YES, covering, stage},
     light::Lamp,
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
     sampler::{Batches, COMPUTED, COMPUTED_FORKED, TABLED, TABLED_FORKED, plain_one, plain_two},
 };
+
+/// Square of the cosine below which an angle is too flat for a ray to spare itself any plane.
+const FLAT: f32 = 1.0 / 256.0;
 
 stage! {
     /// Points on triangles, with error bounds and normals.
@@ -141,13 +144,21 @@ stage! {
 
 stage! {
     /// Rays from the surface to the light.
-    pub(super) fn shadow_rays(w: &mut Wave) {
+    pub(super) fn shadow_rays(w: &mut Wave, lamp: Spared, lamp_size2: f32) {
         for i in 0..covering(w.n) {
             let (p, error, ng) = (w.p.at(i), w.p_error.at(i), w.ng.at(i));
             let ray = spawn_to(p, error, ng, w.light.at(i), w.light_error.at(i), w.light_ng.at(i));
             w.shadow_origin.set(i, ray.origin);
             w.shadow_direction.set(i, ray.direction);
             w.shadow_t_max[i] = ray.t_max;
+            // Neither the plane left behind nor that of the lamp ahead, which the ray ends before.
+            let d = ray.direction;
+            let (length2, from, to) = (d.length_squared(), d.dot(ng), d.dot(w.light_ng.at(i)));
+            let leaves = u32::from(from * from > FLAT * length2).wrapping_neg();
+            let reaches = u32::from((to * to > FLAT * length2) & (length2 > lamp_size2)).wrapping_neg();
+            for k in 0..2 {
+                w.shadow_spared[k][i] = w.own[k][i] & leaves | lamp[k] & reaches;
+            }
         }
     }
 }
@@ -229,6 +240,11 @@ stage! {
             w.origin.set(i, ray.origin);
             w.direction.set(i, ray.direction);
             w.t_max[i] = ray.t_max;
+            let (wi, ng) = (w.wi.at(i), w.ng.at(i));
+            let cosine = wi.dot(ng);
+            let leaves = u32::from(cosine * cosine > FLAT * wi.length_squared()).wrapping_neg();
+            w.spared[0][i] = w.own[0][i] & leaves;
+            w.spared[1][i] = w.own[1][i] & leaves;
             w.from.set(i, w.p.at(i));
             w.from_n.set(i, w.n_reflecting.at(i));
         }

@@ -2,7 +2,7 @@
 
 use super::{FirstHit, Samplers, Traced, stages};
 use crate::{
-    geometry::{FewRays, Found, Ray},
+    geometry::{FewRays, Found, Ray, Spared},
     integrator::{Arrival, Sample, dimension},
     lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES, lanes_of, mask_of},
     light::{LightSample, Reference},
@@ -60,6 +60,7 @@ pub struct Wave {
     pub(super) origin: Lane3,
     pub(super) direction: Lane3,
     pub(super) t_max: Lane<f32>,
+    pub(super) spared: [Lane<u32>; 2],
     pub(super) throughput: Lane3,
     pub(super) radiance: Lane3,
     pub(super) eta2: Lane<f32>,
@@ -71,6 +72,8 @@ pub struct Wave {
     pub(super) corners: [Lane3; 3],
     pub(super) b1: Lane<f32>,
     pub(super) b2: Lane<f32>,
+    /// What rays from there need not be held against, if they leave at no flat angle.
+    pub(super) own: [Lane<u32>; 2],
     pub(super) material: Lane<u32>,
     pub(super) emitter: Lane<u32>,
     pub(super) surface: Lane<u32>,
@@ -109,6 +112,7 @@ pub struct Wave {
     pub(super) shadow_origin: Lane3,
     pub(super) shadow_direction: Lane3,
     pub(super) shadow_t_max: Lane<f32>,
+    pub(super) shadow_spared: [Lane<u32>; 2],
     pub(super) occluded: Lane<Flag>,
     pub(super) few: FewRays,
     pub(super) found: Found,
@@ -134,6 +138,7 @@ pub(super) struct Fork {
     material: u32,
     p: Vec3,
     p_error: Vec3,
+    own: Spared,
     frame: Frame,
     wo: Vec3,
     front: Flag,
@@ -194,6 +199,7 @@ impl Wave {
             origin: zeros,
             direction: zeros,
             t_max: zero,
+            spared: [[0; WIDTH]; 2],
             throughput: zeros,
             radiance: zeros,
             eta2: zero,
@@ -204,6 +210,7 @@ impl Wave {
             corners: [zeros; 3],
             b1: zero,
             b2: zero,
+            own: [[0; WIDTH]; 2],
             material: [0; WIDTH],
             emitter: [NO_EMITTER; WIDTH],
             surface: [0; WIDTH],
@@ -236,6 +243,7 @@ impl Wave {
             shadow_origin: zeros,
             shadow_direction: zeros,
             shadow_t_max: zero,
+            shadow_spared: [[0; WIDTH]; 2],
             occluded: [NO; WIDTH],
             few: FewRays::new(proven),
             found: Found::NOTHING,
@@ -346,6 +354,7 @@ impl Wave {
             material: self.material[i],
             p: self.p.at(i),
             p_error: self.p_error.at(i),
+            own: [self.own[0][i], self.own[1][i]],
             frame: self.frame(i),
             wo: self.wo.at(i),
             front: self.front[i],
@@ -372,6 +381,7 @@ impl Wave {
         self.material[i] = fork.material;
         self.p.set(i, fork.p);
         self.p_error.set(i, fork.p_error);
+        (self.own[0][i], self.own[1][i]) = (fork.own[0], fork.own[1]);
         self.tangent.set(i, fork.frame.t);
         self.bitangent.set(i, fork.frame.b);
         self.ng.set(i, fork.frame.n);
@@ -404,6 +414,16 @@ impl Wave {
 }
 
 impl Wave {
+    /// Where rays from well within the triangle that lane `i` hit may spare themselves others.
+    #[inline(always)]
+    pub(super) fn set_own(&mut self, i: usize, spared: Spared) {
+        const WITHIN: f32 = 1.0 / 64.0;
+        let (b1, b2) = (self.b1[i], self.b2[i]);
+        let within = (b1 > WITHIN) & (b2 > WITHIN) & (b1 + b2 < 1.0 - WITHIN);
+        let mask = u32::from(within).wrapping_neg();
+        (self.own[0][i], self.own[1][i]) = (spared[0] & mask, spared[1] & mask);
+    }
+
     /// What is known of the surface that lane `i` hit.
     #[inline(always)]
     pub(super) fn set_surface(&mut self, i: usize, record: &Record) {

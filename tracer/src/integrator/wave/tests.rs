@@ -221,7 +221,14 @@ fn a_world_of_few_primitives_is_traced_as_by_its_tree() {
                 rays.3[i] = Flag::from(i % 11 != 3);
             }
             let n = if round % 2 == 0 { WIDTH } else { 37 };
-            let rays = Rays { n, active: &rays.3, origin: &rays.0, direction: &rays.1, t_max: &rays.2 };
+            let rays = Rays {
+                n,
+                active: &rays.3,
+                origin: &rays.0,
+                direction: &rays.1,
+                t_max: &rays.2,
+                spared: &[[0; WIDTH]; 2],
+            };
             let (mut found, mut occluded) = (Found::NOTHING, [NO; WIDTH]);
             let mut counters = Counters::default();
             assert!(accel.closest_of(&mut work, &rays, &mut found, &mut counters));
@@ -241,4 +248,89 @@ fn a_world_of_few_primitives_is_traced_as_by_its_tree() {
         }
         assert!(hits > 5_000 && misses > 3_000 && shadows == hits, "{hits} {misses} {shadows}");
     }
+}
+
+/// What rays that leave a triangle are not held against is refused by the test that all other rays go through: quadrilaterals
+/// and triangles of all directions, at several scales, some far from the origin.
+#[test]
+#[allow(clippy::needless_range_loop, reason = "a lane of several arrays")]
+fn planes_that_are_spared_would_not_have_been_hit() {
+    use crate::geometry::{Accel, FewRays, Found, Rays, Shape, TriangleMesh, TriangleTest, World, surface};
+    use crate::lanes::{Lane3, Proven};
+    use crate::math::uniform_sphere;
+
+    let sampler = Sampler::new(Kind::Independent, 5, 1, 16);
+    let (mut spared_rays, mut hits) = (0u32, 0u32);
+    for (round, scale) in [1.0f32, 1.0, 1.0, 300.0, 1e-3, 5.5].into_iter().enumerate() {
+        let two = |i: u32, d: u32| sampler.stream(i, round as u32, 0).two(d);
+        let three = |i: u32, d: u32| Vec3::new(two(i, d).x - 0.5, two(i, d).y - 0.5, two(i, d + 1).x - 0.5);
+        let away = if round == 2 { Vec3::new(3.0, -1.0, 2.0) } else { Vec3::ZERO };
+        let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+        for k in 0..14 {
+            let (o, a, b) = (three(k, 0), three(k, 2), three(k, 4));
+            // Half of them exact rectangles along the axes.
+            let (a, b) = if k % 2 == 0 { (Vec3::X * a.x, Vec3::Z * b.z) } else { (a, b) };
+            let n = positions.len() as u32;
+            positions.extend([o, o + a, o + a + b, o + b].map(|p| (p + away) * scale));
+            triangles.push([n, n + 1, n + 2]);
+            if k % 3 != 0 {
+                triangles.push([n, n + 2, n + 3]);
+            }
+        }
+        let mesh = TriangleMesh { positions: positions.clone(), triangles: triangles.clone() };
+        let accel =
+            Accel::build(World { shapes: vec![Shape::Mesh(mesh)], ..World::default() }, TriangleTest::Watertight);
+        assert!(accel.is_small());
+        let mut work = FewRays::new(Proven::new(Compiled::detect()).unwrap());
+        for turn in 0..1500u32 {
+            let mut rays = (Lane3::ZERO, Lane3::ZERO, [f32::INFINITY; WIDTH]);
+            let mut spared = [[0; WIDTH]; 2];
+            for i in 0..WIDTH {
+                let n = 100 + turn * WIDTH as u32 + i as u32;
+                let id = n as usize % triangles.len();
+                let corners = triangles[id].map(|v| positions[v as usize]);
+                // Barycentrics that spare the plane, near the limit as often as not.
+                let u = two(n, 0);
+                let (x, y) = if u.x + u.y < 1.0 { (u.x, u.y) } else { (1.0 - u.x, 1.0 - u.y) };
+                let shrink = if n.is_multiple_of(2) { 0.952 } else { 0.6 };
+                let (b1, b2) = (1.0 / 3.0 + (x - 1.0 / 3.0) * shrink, 1.0 / 3.0 + (y - 1.0 / 3.0) * shrink);
+                let point = surface::triangle_point(corners, b1, b2);
+                let mut direction = uniform_sphere(two(n, 1));
+                if n.is_multiple_of(3) {
+                    // As flat as is allowed.
+                    let along = (direction - point.ng * direction.dot(point.ng)).normalize();
+                    direction = (along + point.ng * if n.is_multiple_of(2) { 0.064 } else { -0.064 }).normalize();
+                }
+                let ray = spawn(point.p, point.p_error, point.ng, direction);
+                rays.0.set(i, ray.origin);
+                rays.1.set(i, ray.direction);
+                rays.2[i] = if n.is_multiple_of(5) { scale * 0.3 } else { f32::INFINITY };
+                let cosine = direction.dot(point.ng);
+                if cosine * cosine > 1.0 / 256.0 {
+                    [spared[0][i], spared[1][i]] = accel.spared(id);
+                    spared_rays += u32::from(accel.spared(id) != [0; 2]);
+                }
+            }
+            let active = [YES; WIDTH];
+            let rays = Rays {
+                n: WIDTH,
+                active: &active,
+                origin: &rays.0,
+                direction: &rays.1,
+                t_max: &rays.2,
+                spared: &spared,
+            };
+            let (mut found, mut occluded) = (Found::NOTHING, [NO; WIDTH]);
+            let mut counters = Counters::default();
+            assert!(accel.closest_of(&mut work, &rays, &mut found, &mut counters));
+            assert!(accel.occluded_of(&mut work, &rays, &mut occluded, &mut counters));
+            for i in 0..WIDTH {
+                let expected = accel.closest(&rays.at(i), &mut counters);
+                assert_eq!(accel.found(&found, i), expected, "round {round}: {:?}", rays.at(i));
+                assert_eq!(occluded[i] == YES, expected.is_some(), "round {round}: {:?}", rays.at(i));
+                hits += u32::from(expected.is_some());
+            }
+        }
+    }
+    assert!(spared_rays > 400_000 && hits > 80_000, "{spared_rays} {hits}");
 }
