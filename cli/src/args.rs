@@ -137,6 +137,9 @@ pub enum SceneCommand {
 pub struct SceneCheckArgs {
     /// A scene file, or a bare mesh file
     pub scene: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `scene convert`.
@@ -146,6 +149,9 @@ pub struct SceneConvertArgs {
     pub scene: PathBuf,
     /// The scene file to write, in the same folder
     pub out: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `render`.

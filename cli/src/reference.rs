@@ -1,4 +1,4 @@
-//! The reference pages, written from what they describe: the command line, and the schema of scene files.
+//! The reference pages, written from what they describe: the command line, the schema of scene files, the API.
 
 use clap::{Arg, Command, CommandFactory};
 use serde_json::Value;
@@ -8,6 +8,23 @@ use crate::{args::Cli, examples};
 /// How to make the pages again; stands at the top of each.
 const MADE: &str =
     "<!-- Written by `UPDATE_DOCS=1 cargo test --release -p tessera-tests --test docs`. Do not edit. -->";
+
+/// Every command by its words, in the order of the help: `scene check`.
+#[must_use]
+pub fn names() -> Vec<String> {
+    fn walk(command: &Command, words: &str, found: &mut Vec<String>) {
+        for inner in command.get_subcommands().filter(|inner| inner.get_name() != "help") {
+            let words = format!("{words} {}", inner.get_name());
+            match inner.has_subcommands() {
+                true => walk(inner, &words, found),
+                false => found.push(words.trim().to_owned()),
+            }
+        }
+    }
+    let mut found = Vec::new();
+    walk(&Cli::command(), "", &mut found);
+    found
+}
 
 /// docs/reference/cli.md: every command with its options.
 #[must_use]
@@ -102,9 +119,92 @@ pub fn scene() -> String {
     out
 }
 
+/// docs/reference/api.md: every route with what it takes and answers, and the types of both.
+#[must_use]
+pub fn api() -> String {
+    let document = coordinator::http::openapi();
+    let none = serde_json::Map::new();
+    let map = |pointer: &str| document.pointer(pointer).and_then(Value::as_object).unwrap_or(&none);
+    let mut out = format!(
+        "# API\n\n{MADE}\n\n{} The same as OpenAPI: `/api/v1/openapi.json` of a coordinator, kept as \
+         [openapi.json](../openapi.json), and to be browsed at `/docs`. Whole programs: [examples](../examples).\n",
+        text_of(&document["info"]["description"])
+    );
+    for group in document["tags"].as_array().into_iter().flatten() {
+        out += &format!("\n## {}\n\n{}\n", capital(text_of(&group["name"])), text_of(&group["description"]));
+        for (path, item) in map("/paths") {
+            let operations = item.as_object().into_iter().flatten();
+            for (method, operation) in operations.filter(|(_, operation)| operation["tags"][0] == group["name"]) {
+                route(method, path, operation, &mut out);
+            }
+        }
+    }
+    out += "\n## Types\n\nScenes, and what they hold, are described in [scene files](scene.md).\n";
+    // What scene files hold too has its place there.
+    let scene = schemars::schema_for!(common::scene::SceneFile).to_value();
+    let of_scenes = |name: &str| name == "SceneFile" || scene["$defs"].get(name).is_some();
+    for (name, schema) in map("/components/schemas").iter().filter(|(name, _)| !of_scenes(name)) {
+        let mut part = String::new();
+        object(name, schema, &mut part);
+        out += &part.replace("\n## ", "\n### ").replace(&format!("\n### {name}: "), &format!("\n#### {name}: "));
+    }
+    for name in map("/components/schemas").keys().filter(|name| of_scenes(name)) {
+        let place = if name == "SceneFile" { "scene".into() } else { name.to_lowercase() };
+        out = out.replace(&format!("](#{})", name.to_lowercase()), &format!("](scene.md#{place})"));
+    }
+    out
+}
+
+fn route(method: &str, path: &str, operation: &Value, out: &mut String) {
+    *out += &format!("\n### {} {path}\n\n{}.", method.to_uppercase(), text_of(&operation["summary"]));
+    if let Some(more) = operation["description"].as_str() {
+        *out += &format!(" {}", more.replace('\n', " "));
+    }
+    *out += "\n";
+    let body = |holder: &Value| {
+        let content = holder["content"].as_object()?.iter().next()?;
+        Some(if content.0 == "application/json" { kind(&content.1["schema"]) } else { format!("`{}`", content.0) })
+    };
+    let taken = operation["parameters"].as_array().into_iter().flatten().map(|parameter| {
+        let (name, place) = (text_of(&parameter["name"]), text_of(&parameter["in"]));
+        (format!("`{name}`, {place}"), kind(&parameter["schema"]), text_of(&parameter["description"]).to_owned())
+    });
+    let taken = taken.chain(
+        operation
+            .get("requestBody")
+            .and_then(|given| Some(("body".into(), body(given)?, text_of(&given["description"]).to_owned()))),
+    );
+    let taken: Vec<String> =
+        taken.map(|(what, is, means)| format!("| {what} | {} | {} |\n", cell(&is), cell(&means))).collect();
+    if !taken.is_empty() {
+        *out += &format!("\n| Takes | Is | Means |\n| --- | --- | --- |\n{}", taken.concat());
+    }
+    *out += "\n| Answers | With | When |\n| --- | --- | --- |\n";
+    for (status, answer) in operation["responses"].as_object().into_iter().flatten() {
+        let status = if status == "default" { "else" } else { status };
+        let with = body(answer).unwrap_or_default();
+        *out += &format!("| {status} | {} | {} |\n", cell(&with), cell(text_of(&answer["description"])));
+    }
+}
+
+fn text_of(value: &Value) -> &str {
+    value.as_str().unwrap_or_default()
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
 fn object(name: &str, schema: &Value, out: &mut String) {
     *out += &format!("\n## {name}\n\n{}\n", sentence(schema));
     fields(schema, out);
+    if let Some(pattern) = schema["pattern"].as_str() {
+        *out += &format!("\nA string: `{pattern}`\n");
+    }
+    if let Some(names) = schema["enum"].as_array() {
+        *out += &format!("\nOne of {}.\n", names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "));
+    }
     let variants: Vec<&Value> = ["oneOf", "anyOf"].iter().filter_map(|key| schema[*key].as_array()).flatten().collect();
     for variant in variants {
         match tag(variant) {
@@ -183,7 +283,29 @@ fn kind(schema: &Value) -> String {
             inner @ Value::Object(_) => format!("by name: {}", kind(inner)),
             _ => "object".into(),
         },
-        [name] => name.into(),
-        _ => "value".into(),
+        [name] => format!("{name}{}", range(schema)),
+        _ => match schema["const"].as_str() {
+            Some(value) => format!("`\"{value}\"`"),
+            None => "value".into(),
+        },
+    }
+}
+
+/// The bounds of a number, and the values of a text, where there are any.
+fn range(schema: &Value) -> String {
+    if let Some(values) = schema["enum"].as_array() {
+        return format!(": {}", values.iter().map(|value| format!("`{value}`")).collect::<Vec<_>>().join(", "));
+    }
+    let bound = |key: &str| schema[key].as_number();
+    // What every number of its kind keeps to is no news.
+    let most = bound("maximum").filter(|n| ![u64::from(u32::MAX), u64::MAX].iter().any(|m| n.as_u64() == Some(*m)));
+    let least = bound("minimum").filter(|n| n.as_f64() != Some(0.0) || most.is_some());
+    match (least, most, bound("exclusiveMinimum"), bound("exclusiveMaximum")) {
+        (Some(least), Some(most), ..) => format!(", {least} to {most}"),
+        (Some(least), None, ..) => format!(", at least {least}"),
+        (None, Some(most), ..) => format!(", at most {most}"),
+        (_, _, Some(least), Some(most)) => format!(" between {least} and {most}"),
+        (_, _, Some(least), None) => format!(" above {least}"),
+        _ => String::new(),
     }
 }

@@ -1,6 +1,9 @@
 //! `tessera scene`: check, convert, schema.
 
-use common::scene::SceneFile;
+use std::{collections::BTreeMap, path::Path};
+
+use common::{hash::AssetHash, scene::SceneFile};
+use serde::Serialize;
 
 use crate::{
     args::{JobOptions, SceneCheckArgs, SceneCommand, SceneConvertArgs},
@@ -26,6 +29,9 @@ fn check(args: &SceneCheckArgs) -> Result<(), Failure> {
     let request = request::of(&JobOptions::default(), &bundle)?;
     bundle.verify(&request)?;
     let scene = &bundle.scene;
+    if args.json {
+        return print::json(&Sound::of(&args.scene, &bundle));
+    }
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let facts = [
         count(scene.shapes.len(), "shape"),
@@ -37,12 +43,44 @@ fn check(args: &SceneCheckArgs) -> Result<(), Failure> {
     print::lines(notes.chain([format!("{}: sound: {}", args.scene.display(), facts.join(", "))]))
 }
 
+/// What is told of a scene that can be rendered.
+#[derive(Serialize)]
+struct Sound<'a> {
+    /// The file.
+    scene: &'a Path,
+    name: &'a str,
+    shapes: usize,
+    materials: usize,
+    lights: usize,
+    /// Hashes of the files that it names.
+    files: &'a BTreeMap<String, AssetHash>,
+    resolution: [u32; 2],
+    /// What was made up or left out.
+    notes: &'a [String],
+}
+
+impl<'a> Sound<'a> {
+    fn of(path: &'a Path, bundle: &'a Bundle) -> Self {
+        let scene = &bundle.scene;
+        Self {
+            scene: path,
+            name: &scene.name,
+            shapes: scene.shapes.len(),
+            materials: scene.materials.len(),
+            lights: scene.lights.len(),
+            files: &scene.assets,
+            resolution: [scene.film.width, scene.film.height],
+            notes: &bundle.notes,
+        }
+    }
+}
+
 fn convert(args: &SceneConvertArgs) -> Result<(), Failure> {
     let mut bundle = Bundle::read(&args.scene)?;
     let request = request::of(&JobOptions::default(), &bundle)?;
     bundle.verify(&request)?;
-    for note in &bundle.notes {
-        eprintln!("note: {note}");
+    if !args.json {
+        bundle.notes.iter().for_each(|note| eprintln!("note: {note}"));
     }
     let folder = |path: &std::path::Path| {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -54,7 +92,8 @@ fn convert(args: &SceneConvertArgs) -> Result<(), Failure> {
         let (out, scene) = (args.out.display(), args.scene.display());
         return Err(Failure::Input(format!("{out}: must be in the folder of {scene}, whose files it names")));
     }
-    bundle.scene.assets.clear();
-    let text = serde_json::to_string_pretty(&bundle.scene).map_err(|error| Failure::Work(error.to_string()))?;
-    output::write(&args.out, format!("{text}\n").as_bytes())
+    let written = SceneFile { assets: BTreeMap::new(), ..bundle.scene.clone() };
+    let text = serde_json::to_string_pretty(&written).map_err(|error| Failure::Work(error.to_string()))?;
+    output::write(&args.out, format!("{text}\n").as_bytes())?;
+    if args.json { print::json(&Sound::of(&args.out, &bundle)) } else { Ok(()) }
 }

@@ -5,7 +5,12 @@ use std::{fmt, str::FromStr};
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::{hash::AssetHash, method::MethodChoices, scene::SceneFile, tile::Rect};
+use crate::{
+    hash::AssetHash,
+    method::MethodChoices,
+    scene::{Import, SceneFile},
+    tile::Rect,
+};
 
 /// Default edge of a tile, pixels.
 pub const DEFAULT_TILE: u32 = 64;
@@ -41,7 +46,7 @@ macro_rules! id {
 
             fn from_str(text: &str) -> Result<Self, String> {
                 text.strip_prefix($prefix)
-                    .filter(|digits| digits.bytes().all(|b| b.is_ascii_digit()))
+                    .filter(|digits| digits.len() <= 19 && digits.bytes().all(|b| b.is_ascii_digit()))
                     .and_then(|digits| digits.parse().ok())
                     .map(Self)
                     .ok_or_else(|| format!(concat!("\"{}\" is not of the form ", $prefix, "NUMBER"), text))
@@ -66,7 +71,7 @@ macro_rules! id {
             }
 
             fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
-                schemars::json_schema!({ "type": "string", "pattern": concat!("^", $prefix, "[0-9]+$") })
+                schemars::json_schema!({ "type": "string", "pattern": concat!("^", $prefix, "[0-9]{1,19}$") })
             }
         }
     };
@@ -95,25 +100,31 @@ pub enum Quality {
     /// Until the half-width of each pixel's interval is below `relative_error` of its luminance.
     Noise {
         /// Half-width relative to the luminance, above 0.
+        #[schemars(extend("exclusiveMinimum" = 0))]
         relative_error: f64,
         /// Share of intervals that must hold the truth, between 0 and 1.
         #[serde(default = "default_confidence")]
+        #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
         confidence: f64,
         /// Most samples of a pixel.
         #[serde(default = "default_max_samples")]
+        #[schemars(range(min = 1, max = MAX_SAMPLES))]
         max_samples: u32,
     },
     /// This many samples of every pixel.
     Samples {
         /// Samples of a pixel.
+        #[schemars(range(min = 1, max = MAX_SAMPLES))]
         samples: u32,
     },
     /// The best picture for this much work.
     Time {
-        /// Processor seconds, all workers together.
+        /// Processor seconds, all workers together, above 0.
+        #[schemars(extend("exclusiveMinimum" = 0))]
         cpu_seconds: f64,
         /// Most samples of a pixel.
         #[serde(default = "default_max_samples")]
+        #[schemars(range(min = 1, max = MAX_SAMPLES))]
         max_samples: u32,
     },
 }
@@ -189,6 +200,9 @@ impl FieldError {
         Self { field: field.into(), message: message.into() }
     }
 }
+
+/// What a list of frames looks like.
+const FRAMES: &str = r"^\s*[0-9]+\s*(-\s*[0-9]+\s*)?(x\s*[0-9]+\s*)?(,\s*[0-9]+\s*(-\s*[0-9]+\s*)?(x\s*[0-9]+\s*)?)*$";
 
 /// Frames of a job, in order, without repeats: `3`, `1-10`, `1-10x2`, `1,5,8-9`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -276,7 +290,8 @@ impl JsonSchema for Frames {
     }
 
     fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        schemars::json_schema!({ "type": "string", "examples": ["1", "1-10", "1-10x2", "1,5,8-9"] })
+        // That a range runs upwards, a pattern cannot say.
+        schemars::json_schema!({ "type": "string", "pattern": FRAMES, "examples": ["1", "1-10", "1-10x2", "1,5,8-9"] })
     }
 }
 
@@ -289,6 +304,8 @@ pub enum SceneRef {
         /// Its hash.
         asset: AssetHash,
     },
+    /// A file of another format.
+    Import(Import),
     /// The scene itself.
     Inline(Box<SceneFile>),
 }
@@ -303,6 +320,8 @@ impl<'de> Deserialize<'de> for SceneRef {
         let map = serde_json::Map::deserialize(deserializer)?;
         if map.contains_key("asset") {
             crate::scene::nested::<Asset, D::Error>(map).map(|Asset { asset }| SceneRef::Asset { asset })
+        } else if map.contains_key("import") {
+            crate::scene::nested(map).map(SceneRef::Import)
         } else {
             crate::scene::nested(map).map(|scene| SceneRef::Inline(Box::new(scene)))
         }
@@ -317,8 +336,10 @@ impl JsonSchema for SceneRef {
     fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
         let scene = generator.subschema_for::<SceneFile>();
         let hash = generator.subschema_for::<AssetHash>();
+        let import = generator.subschema_for::<Import>();
         schemars::json_schema!({ "anyOf": [
             { "type": "object", "properties": { "asset": hash }, "required": ["asset"], "additionalProperties": false },
+            import,
             scene,
         ]})
     }
@@ -331,13 +352,15 @@ pub struct JobRequest {
     /// What people call it; the scene's name where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The scene: `{"asset": hash}`, or the scene itself.
+    /// The scene: `{"asset": hash}`, the scene itself, or a file that is to become one:
+    /// `{"import": "bunny.obj", "assets": {"bunny.obj": hash, ...}}`.
     pub scene: SceneRef,
     /// Frames; the scene's own where absent, else frame 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Frames>,
     /// Width and height in pixels; the scene's film where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(schema_with = "edges")]
     pub resolution: Option<[u32; 2]>,
     /// How exact the picture must be; what the scene asks where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -347,12 +370,14 @@ pub struct JobRequest {
     pub method: MethodChoices,
     /// Edge of a tile, pixels, 8 to 1024.
     #[serde(default = "default_tile")]
+    #[schemars(range(min = 8, max = 1024))]
     pub tile: u32,
     /// Part of the frame to render: `[x, y, width, height]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<[u32; 4]>,
     /// 0 (last) to 100 (first).
     #[serde(default = "default_priority")]
+    #[schemars(range(max = 100))]
     pub priority: u8,
     /// Free words to find it by.
     #[serde(default)]
@@ -360,6 +385,16 @@ pub struct JobRequest {
     /// Seed of the sample points; another seed gives an independent picture.
     #[serde(default)]
     pub seed: u64,
+}
+
+/// Width and height; that their product is at most [`MAX_PIXELS`], a schema cannot say.
+fn edges(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+    schemars::json_schema!({
+        "type": ["array", "null"],
+        "items": { "type": "integer", "minimum": 1, "maximum": MAX_EDGE },
+        "minItems": 2,
+        "maxItems": 2,
+    })
 }
 
 fn default_tile() -> u32 {

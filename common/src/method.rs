@@ -207,12 +207,14 @@ macro_rules! method {
 
 method! {
     /// Most bounces of a path: 0 is emission seen directly, 1 adds direct light.
+    #[schemars(range(max = 10_000))]
     max_depth: u32 = 16,
     /// How direct light is estimated.
     direct: Direct = Direct::Auto,
     /// Which lights a hit samples; `None`: chosen from their number.
     light_pick: Option<LightPick> = None,
     /// Samples a hit takes of each light it samples, 1 to 4096.
+    #[schemars(range(min = 1, max = 4096))]
     light_samples: u32 = 1,
     /// In how many ways a path goes on from its first surface that is no mirror or smooth glass: a power of two, 1 to
     /// 64 (splitting: Arvo and Kirk 1990).
@@ -234,8 +236,10 @@ method! {
     /// Rule for the number of samples; `None`: the quality target decides.
     adaptive: Option<Adaptive> = None,
     /// Textbook rule: samples between two looks at the error, 2 to 65536.
+    #[schemars(range(min = 2, max = 65_536))]
     adaptive_batch: u32 = 32,
     /// Textbook rule: half-width of the 95% interval relative to the mean, above 0.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     adaptive_tolerance: f64 = 0.05,
 }
 

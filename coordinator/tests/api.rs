@@ -2,7 +2,7 @@
 
 mod support;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use axum::{
     body::Body,
@@ -10,21 +10,11 @@ use axum::{
 };
 use common::{
     hash::AssetHash,
-    protocol::{Convergence, FailureList, FarmView, ShippedScenes, Stored, TileView, WorkerList},
+    protocol::{AttemptList, Convergence, FailureList, FarmView, Outcome, ShippedScenes, Stored, TileView, WorkerList},
 };
 use coordinator::App;
 use serde_json::{Value, json};
-use support::{Answer, Worker, call, get, job, open, post, render, scene, submit, whole};
-
-async fn fresh() -> (tempfile::TempDir, App) {
-    let folder = tempfile::tempdir().unwrap();
-    let app = open(folder.path()).await;
-    (folder, app)
-}
-
-fn fixed() -> Value {
-    json!({ "scene": scene(), "tile": 32, "quality": { "target": "samples", "samples": 64 } })
-}
+use support::{Answer, Worker, call, fixed, fresh, get, job, open, post, render, scene, submit, whole};
 
 async fn ask(app: &App, method: Method, path: &str, headers: &[(&str, &str)], body: &Value) -> Answer {
     let request = headers.iter().fold(Request::builder().method(method).uri(path), |r, (name, v)| r.header(*name, *v));
@@ -285,4 +275,139 @@ async fn the_api_can_be_browsed_without_another_host() {
         }
     }
     assert_eq!(get(&app, "/docs/other.js").await.status, StatusCode::NOT_FOUND);
+}
+
+#[tokio::test]
+async fn every_attempt_at_a_unit_is_told_and_kept() {
+    let (folder, app) = fresh().await;
+    submit(&app, fixed()).await;
+    let worker = Worker::register(&app, "a").await;
+    let lease = worker.lease(&app).await.unwrap();
+    let (first, rest) = lease.units.split_first().unwrap();
+    worker.hand_in(&app, &lease, first).await;
+    worker.hand_in(&app, &lease, first).await;
+    let failed: Vec<_> = rest.iter().map(|unit| unit.id).collect();
+    let body = json!({ "worker": worker.id, "units": failed, "cause": "failed", "message": "no memory" });
+    assert!(post(&app, &format!("/api/v1/leases/{}/fail", lease.id), &body).await.status.is_success());
+    let path = "/api/v1/jobs/j1/attempts";
+    let list: AttemptList = get(&app, path).await.read();
+    assert_eq!(list.attempts.len(), lease.units.len() + 1);
+    let done: AttemptList = get(&app, &format!("{path}?outcome=done")).await.read();
+    let one = &done.attempts[0];
+    assert_eq!((done.attempts.len(), one.unit, one.lease), (1, first.id, lease.id));
+    assert_eq!(one.worker.map(|id| id.to_string()).as_deref(), Some("w1"));
+    assert!(one.seconds.is_some_and(|s| (0.0..60.0).contains(&s)) && one.samples > 0 && one.message.is_none());
+    let tile = format!("{path}?frame=1&tile={}", first.id.tile);
+    let of_tile: AttemptList = get(&app, &tile).await.read();
+    let outcomes: Vec<Outcome> = of_tile.attempts.iter().map(|attempt| attempt.outcome).collect();
+    assert_eq!(outcomes, [Outcome::Late, Outcome::Done], "newest first");
+    let bad: AttemptList = get(&app, &format!("{path}?outcome=failed&limit=2")).await.read();
+    assert!(bad.attempts.iter().all(|attempt| attempt.message.as_deref() == Some("no memory")));
+    // A page follows another until there is none.
+    let (mut seen, mut cursor) = (0, String::new());
+    loop {
+        let page: AttemptList = get(&app, &format!("{path}?limit=2&cursor={cursor}")).await.read();
+        seen += page.attempts.len();
+        let Some(next) = page.next else { break };
+        cursor = next;
+    }
+    assert_eq!(seen, list.attempts.len());
+    for (query, field) in
+        [("outcome=good", "outcome"), ("limit=0", "limit"), ("cursor=x", "cursor"), ("what=1", "what")]
+    {
+        let refused = get(&app, &format!("{path}?{query}")).await;
+        assert_eq!(refused.error().2.as_deref(), Some(field), "{}", refused.text());
+    }
+    assert_eq!(get(&app, "/api/v1/jobs/j9/attempts").await.status, StatusCode::NOT_FOUND);
+
+    // A restart forgets none, and later ones come before.
+    app.service.close().await;
+    drop(app);
+    let app = open(folder.path()).await;
+    let again: AttemptList = get(&app, path).await.read();
+    assert_eq!(again, list);
+    let worker = Worker::register(&app, "b").await;
+    worker.work(&app, 1).await;
+    let later: AttemptList = get(&app, path).await.read();
+    assert_eq!((later.attempts.len(), later.attempts[0].outcome), (list.attempts.len() + 1, Outcome::Done));
+    assert_eq!(later.attempts[1..], list.attempts);
+}
+
+#[tokio::test]
+async fn a_file_of_another_format_is_a_job_that_workers_import() {
+    let (_folder, app) = fresh().await;
+    let mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let import = |assets: Value| json!({ "scene": { "import": "t.obj", "assets": assets }, "resolution": [64, 64] });
+    let refused = post(&app, "/api/v1/jobs", &import(json!({}))).await;
+    assert_eq!(refused.error().2.as_deref(), Some("scene.import"));
+    let hash = AssetHash::of(mesh.as_bytes());
+    let missing = post(&app, "/api/v1/jobs", &import(json!({ "t.obj": hash }))).await;
+    assert_eq!((missing.status, &missing.json()["error"]["missing"]), (StatusCode::CONFLICT, &json!([hash])));
+    let stored: Stored = call(&app, Method::POST, "/api/v1/assets", mesh).await.read();
+    let job = submit(&app, import(json!({ "t.obj": stored.hash }))).await;
+    assert_eq!((job.name.as_str(), job.resolution), ("t.obj", [64, 64]));
+    // What a worker fetches as the scene is what was asked for, and makes the same job again.
+    let lease = Worker::register(&app, "a").await.lease(&app).await.unwrap();
+    let kept = get(&app, &format!("/api/v1/assets/{}", lease.scene)).await;
+    assert_eq!(kept.json(), json!({ "import": "t.obj", "assets": { "t.obj": hash } }));
+    let again = submit(&app, json!({ "scene": { "asset": lease.scene } })).await;
+    assert_eq!((again.name.as_str(), again.resolution), ("t.obj", [512, 512]));
+}
+
+#[tokio::test]
+async fn the_past_of_the_farm_outlives_the_coordinator() {
+    let (folder, app) = fresh().await;
+    let moments = async |app: &App| -> FarmView { get(app, "/api/v1/farm").await.read() };
+    // The first is noted at once.
+    let mut before = moments(&app).await.history;
+    while before.is_empty() {
+        tokio::task::yield_now().await;
+        before = moments(&app).await.history;
+    }
+    app.service.close().await;
+    drop(app);
+    let app = open(folder.path()).await;
+    let after = moments(&app).await.history;
+    assert_eq!(after[..before.len()], before);
+    for chart in ["queue", "throughput", "busy"] {
+        let drawn = get(&app, &format!("/api/v1/farm/{chart}.svg")).await.text();
+        assert!(drawn.contains("prefers-color-scheme:dark"), "{chart}");
+    }
+}
+
+/// What the dashboard for Grafana asks for is there, by the very names.
+#[tokio::test]
+async fn grafana_asks_for_metrics_that_exist() {
+    let (_folder, app) = fresh().await;
+    submit(&app, fixed()).await;
+    Worker::register(&app, "a").await;
+    let text = get(&app, "/metrics").await.text();
+    let known: BTreeSet<&str> =
+        text.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split(' ').next()).collect();
+    let dashboard: Value = serde_json::from_str(include_str!("../../deploy/grafana-dashboard.json")).unwrap();
+    fn queries<'a>(value: &'a Value, found: &mut Vec<&'a str>) {
+        match value {
+            Value::Object(map) => {
+                found.extend(map.get("expr").and_then(Value::as_str));
+                map.values().for_each(|value| queries(value, found));
+            }
+            Value::Array(list) => list.iter().for_each(|value| queries(value, found)),
+            _ => {}
+        }
+    }
+    let mut found = Vec::new();
+    queries(&dashboard, &mut found);
+    assert!(found.len() > 10);
+    for query in found {
+        let names = query.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        let names: Vec<&str> = names.filter(|name| name.starts_with("tessera_")).collect();
+        assert!(!names.is_empty(), "{query}");
+        for name in names {
+            assert!(known.contains(name), "{query}: there is no {name}");
+            // By Prometheus' conventions a counter is one, by its name and by its use.
+            let counts = text.contains(&format!("# TYPE {name} counter"));
+            assert_eq!(counts, name.ends_with("_total"), "{name}");
+            assert_eq!(counts, query.contains(&format!("rate({name}[")), "{query}");
+        }
+    }
 }

@@ -15,20 +15,10 @@ use common::{
     protocol::Preparation,
     tile::Rect,
 };
-use coordinator::{App, Config, build_app};
+use coordinator::{Config, build_app};
 use futures::StreamExt;
 use serde_json::{Value, json};
-use support::{Answer, Worker, call, compress, get, job, open, post, put, render, scene, submit};
-
-async fn fresh() -> (tempfile::TempDir, App) {
-    let folder = tempfile::tempdir().unwrap();
-    let app = open(folder.path()).await;
-    (folder, app)
-}
-
-fn fixed() -> Value {
-    json!({ "scene": scene(), "tile": 32, "quality": { "target": "samples", "samples": 64 } })
-}
+use support::{Answer, Worker, call, compress, fixed, fresh, get, job, open, post, put, render, scene, submit};
 
 /// A refusal with this status, code and field, whose message holds `words`.
 #[track_caller]
@@ -83,9 +73,10 @@ async fn bad_jobs_are_refused_by_the_field() {
         body
     };
     type Case<'a> = (&'a dyn Fn(&mut Value), &'a str, &'a str);
-    let cases: [Case; 15] = [
+    let cases: [Case; 16] = [
         (&|b: &mut Value| b["colour"] = json!(1), "colour", "unknown field"),
         (&|b: &mut Value| b["tile"] = json!("big"), "tile", "expected"),
+        (&|b: &mut Value| b["tile"] = json!(32.5), "tile", "floating point"),
         (&|b: &mut Value| b["tile"] = json!(4), "tile", "8 to 1024"),
         (&|b: &mut Value| b["priority"] = json!(101), "priority", "0 to 100"),
         (&|b: &mut Value| b["quality"]["samples"] = json!(0), "quality.samples", "0 samples"),
@@ -115,6 +106,8 @@ async fn bad_jobs_are_refused_by_the_field() {
     refused(&call(&app, Method::POST, "/api/v1/jobs", "{").await, 400, "malformed", None, "JSON");
     refused(&call(&app, Method::POST, "/api/v1/jobs", " [null, null]").await, 400, "malformed", None, "list");
     assert_eq!(get(&app, "/api/v1/jobs").await.json()["jobs"], json!([]));
+    let whole = submit(&app, with(&|b: &mut Value| b["tile"] = json!(32.0))).await;
+    assert_eq!(whole.tile, 32, "32.0 is a whole number");
 }
 
 #[tokio::test]

@@ -11,6 +11,7 @@ mod csv;
 mod draw;
 mod layout;
 mod marks;
+mod theme;
 
 pub use csv::{Cell, Table};
 
@@ -185,6 +186,12 @@ pub fn svg(chart: &Chart) -> String {
         &format!("width=\"{WIDTH}\" height=\"{HEIGHT}\" role=\"img\" aria-label=\"{title}\""),
         1,
     )
+}
+
+/// The chart as an SVG document for a page that is light or dark as the reader prefers.
+#[must_use]
+pub fn svg_by_theme(chart: &Chart) -> String {
+    svg(chart).replacen("svg\">", &format!("svg\">{}", theme::sheet()), 1)
 }
 
 /// The chart as a PNG file, 800 x 500 pixels, 8-bit RGB.

@@ -13,7 +13,7 @@ pub(crate) const GRID: RGBColor = RGBColor(0xDD, 0xDD, 0xDD);
 pub(crate) const FAINT: RGBColor = RGBColor(0xF1, 0xF1, 0xF1);
 
 /// Okabe and Ito's palette, the most distinct first (yellow left out: too faint on white).
-const PALETTE: [RGBColor; 7] = [
+pub(crate) const PALETTE: [RGBColor; 7] = [
     RGBColor(0x00, 0x72, 0xB2),
     RGBColor(0xD5, 0x5E, 0x00),
     RGBColor(0x00, 0x9E, 0x73),

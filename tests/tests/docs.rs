@@ -82,9 +82,12 @@ fn every_link_leads_somewhere() {
 
 #[test]
 fn pages_made_from_the_program_are_as_it_makes_them() {
-    for (path, text) in
-        [("docs/reference/cli.md", cli::reference::commands()), ("docs/reference/scene.md", cli::reference::scene())]
-    {
+    for (path, text) in [
+        ("docs/reference/cli.md", cli::reference::commands()),
+        ("docs/reference/scene.md", cli::reference::scene()),
+        ("docs/reference/api.md", cli::reference::api()),
+        ("docs/openapi.json", format!("{:#}\n", coordinator::http::openapi())),
+    ] {
         let path = root().join(path);
         if std::env::var_os("UPDATE_DOCS").is_some() {
             std::fs::write(&path, &text).unwrap();

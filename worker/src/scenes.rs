@@ -14,7 +14,7 @@ use common::{
     hash::AssetHash,
     mesh::MeshPart,
     protocol::RenderSettings,
-    scene::{Image, MeshSource, SceneFile, ShapeKind, Texture, TextureKind},
+    scene::{Image, Import, MeshSource, SceneFile, ShapeKind, Source, Texture, TextureKind},
 };
 use futures::{StreamExt, TryStreamExt, stream};
 use tokio::sync::OnceCell;
@@ -146,8 +146,8 @@ impl Scenes {
     async fn decode(&self, hash: AssetHash) -> Result<Arc<Decoded>, String> {
         let start = Instant::now();
         let text = self.source.get(hash).await.map_err(|error| error.to_string())?;
-        let scene = SceneFile::parse(&text).map_err(|error| format!("scene {hash}: {error}"))?;
-        let files: BTreeMap<String, Bytes> = stream::iter(scene.assets.clone())
+        let source = Source::parse(&text).map_err(|error| format!("scene {hash}: {error}"))?;
+        let files: BTreeMap<String, Bytes> = stream::iter(source.assets().clone())
             .map(async |(path, hash)| match self.source.get(hash).await {
                 Ok(bytes) => Ok((path, bytes)),
                 Err(error) => Err(format!("{path}: {error}")),
@@ -158,6 +158,10 @@ impl Scenes {
         let fetched = start.elapsed();
         let decode = move || {
             let start = Instant::now();
+            let (scene, files) = match source {
+                Source::Native(scene) => (*scene, files),
+                Source::Import(import) => imported(&import, &files)?,
+            };
             let (assets, warnings) = decode_files(&scene, &files)?;
             let load = Cost::new((fetched + start.elapsed()).as_secs_f64());
             Ok((Decoded { scene, assets, load }, warnings))
@@ -180,6 +184,35 @@ impl Scenes {
     pub fn is_news(&self, what: &str) -> bool {
         self.warned.lock().unwrap_or_else(PoisonError::into_inner).insert(what.into())
     }
+}
+
+/// The scene made of a file of another format, and its files by the paths that they are named by.
+///
+/// # Errors
+/// One sentence that names the file.
+fn imported(import: &Import, files: &BTreeMap<String, Bytes>) -> Result<(SceneFile, BTreeMap<String, Bytes>), String> {
+    let path = &import.import;
+    let extension = path.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
+    if !import::MESH_EXTENSIONS.contains(&extension.as_str()) {
+        let known = import::MESH_EXTENSIONS.join(" or .");
+        return Err(format!("{path}: not a scene: expected a .json, .{known} file"));
+    }
+    let mut named = BTreeMap::new();
+    let mut wanted = vec![path.clone()];
+    while let Some(path) = wanted.pop() {
+        if let Some(bytes) = import.find(&path).and_then(|place| files.get(place))
+            && !named.contains_key(&path)
+        {
+            wanted.extend(import::references(&path, bytes));
+            named.insert(path, bytes.clone());
+        }
+    }
+    let mut resolve = |file: &str| named.get(file).map(|bytes| bytes.to_vec());
+    let bytes = named.get(path).cloned().unwrap_or_default();
+    let mesh = import::mesh(path, &bytes, &mut resolve).map_err(|error| error.to_string())?;
+    let mut scene = import::scene_from_mesh(path, &mesh);
+    scene.assets = named.iter().map(|(path, bytes)| (path.clone(), AssetHash::of(bytes))).collect();
+    Ok((scene, named))
 }
 
 /// Decode what the scene names: meshes first, then the pictures of the scene and of the meshes' own
@@ -276,6 +309,32 @@ impl<K: Clone + PartialEq, V> Recent<K, V> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mesh_that_is_dropped_with_its_files_becomes_a_scene_wherever_they_lie() {
+        const MESH: &str = "mtllib materials/m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n";
+        const MATERIAL: &str = "newmtl red\nKd 1 0 0\nmap_Kd wood.png\n";
+        let file = |path: &str, text: &'static str| (path.to_owned(), Bytes::from_static(text.as_bytes()));
+        for place in ["materials/m.mtl", "m.mtl"] {
+            let files = BTreeMap::from([file("t.obj", MESH), file(place, MATERIAL), file("other.txt", "")]);
+            let assets = files.iter().map(|(path, bytes)| (path.clone(), AssetHash::of(bytes))).collect();
+            let (scene, named) = imported(&Import { import: "t.obj".into(), assets }, &files).unwrap();
+            assert_eq!(named.keys().collect::<Vec<_>>(), ["materials/m.mtl", "t.obj"], "{place}");
+            assert_eq!(scene.assets["materials/m.mtl"], AssetHash::of(MATERIAL.as_bytes()));
+            assert!(scene.check().is_ok() && scene.description.contains("camera"));
+            let (decoded, _) = decode_files(&scene, &named).unwrap();
+            assert!(decoded.meshes["t.obj"][0].material.is_some(), "{place}");
+        }
+        for (name, text, said) in [
+            ("t.gif", "", "t.gif: not a scene: expected a .json, .obj or .ply file"),
+            ("t.obj", "v 0 0 0\nf 1 2 3\n", "t.obj: line 2: "),
+        ] {
+            let files = BTreeMap::from([file(name, text)]);
+            let assets = BTreeMap::from([(name.to_owned(), AssetHash::of(text.as_bytes()))]);
+            let error = imported(&Import { import: name.into(), assets }, &files).unwrap_err();
+            assert!(error.starts_with(said), "{error}");
+        }
+    }
 
     #[test]
     fn the_least_recently_used_goes_first() {

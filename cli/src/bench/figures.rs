@@ -1,6 +1,6 @@
 //! `tessera bench rays`: seconds of a build, bytes, and millions of rays a second.
 
-use std::{hint::black_box, path::PathBuf, time::Instant};
+use std::{hint::black_box, time::Instant};
 
 use clap::value_parser;
 use rayon::prelude::*;
@@ -12,7 +12,10 @@ use tracer::{
     scene::Scene,
 };
 
-use super::rays::{Maker, Place, RaySet};
+use super::{
+    Measured,
+    rays::{Maker, Place, RaySet},
+};
 use crate::{
     args::JobOptions, bundle::Bundle, error::Failure, print, request, services::threads, stability::random::Random,
 };
@@ -25,8 +28,9 @@ const CHUNK: usize = 1 << 12;
 /// Options of `bench rays`.
 #[derive(Debug, clap::Args)]
 pub struct BenchRaysArgs {
-    /// A scene file, or a bare mesh file
-    pub scene: PathBuf,
+    /// The scene, and how it is told.
+    #[command(flatten)]
+    pub what: Measured,
     /// Times that everything is measured; medians are told
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = value_parser!(u32).range(1..=1000))]
     pub runs: u32,
@@ -36,9 +40,6 @@ pub struct BenchRaysArgs {
     /// Trace each 1000th camera ray by testing every primitive, too
     #[arg(long)]
     pub brute_force: bool,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
     /// Whose rays: the picture's size and method.
     #[command(flatten)]
     pub job: JobOptions,
@@ -103,7 +104,7 @@ struct BruteForce {
 /// A scene that cannot be read or rendered, or threads that cannot be had.
 pub fn command(args: BenchRaysArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    let mut bundle = Bundle::read(&args.scene)?;
+    let mut bundle = Bundle::read(&args.what.scene)?;
     let request = request::of(&args.job, &bundle)?;
     let resolution = bundle.resolution(&request);
     let loaded = bundle.load(&request)?;
@@ -149,7 +150,7 @@ pub fn command(args: BenchRaysArgs) -> Result<(), Failure> {
         rays,
         brute_force,
     };
-    if args.json { print::json(&report) } else { print::lines(lines(&report)) }
+    if args.what.json { print::json(&report) } else { print::lines(lines(&report)) }
 }
 
 fn pool(threads: usize) -> Result<rayon::ThreadPool, Failure> {

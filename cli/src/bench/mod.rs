@@ -4,6 +4,8 @@ mod figures;
 pub mod rays;
 mod render;
 
+use std::path::PathBuf;
+
 use clap::Subcommand;
 
 use crate::error::Failure;
@@ -15,6 +17,16 @@ pub enum BenchCommand {
     Render(render::BenchRenderArgs),
     /// Build a scene's acceleration structure and trace rays of every kind, on one core and on all
     Rays(figures::BenchRaysArgs),
+}
+
+/// What all measure with: a scene, and how the figures are told.
+#[derive(Debug, clap::Args)]
+pub struct Measured {
+    /// A scene file, or a bare mesh file
+    pub scene: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Runs `tessera bench`.

@@ -17,6 +17,7 @@ use common::{
 use serde::Serialize;
 use tracer::{Prepared, RowResult, UnitRender};
 
+use super::Measured;
 use crate::{args::JobOptions, bundle::Bundle, error::Failure, output, print, request};
 
 /// Samples of a pixel where nothing is asked for.
@@ -25,8 +26,9 @@ const SAMPLES: u32 = 16;
 /// Options of `bench render`.
 #[derive(Debug, clap::Args)]
 pub struct BenchRenderArgs {
-    /// A scene file, or a bare mesh file
-    pub scene: PathBuf,
+    /// The scene, and how it is told.
+    #[command(flatten)]
+    pub what: Measured,
     /// Pictures to render, each with the next seed
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = value_parser!(u32).range(1..=1000))]
     pub runs: u32,
@@ -36,9 +38,6 @@ pub struct BenchRenderArgs {
     /// Write the last picture here, linear Rec. 709, as a portable float map
     #[arg(short, long, value_name = "FILE.pfm")]
     pub output: Option<PathBuf>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
     /// What to render. The target is a number of samples [default: 16].
     #[command(flatten)]
     pub job: JobOptions,
@@ -87,7 +86,7 @@ pub fn command(mut args: BenchRenderArgs) -> Result<(), Failure> {
     }
     let samples = *target.samples.get_or_insert(SAMPLES);
     let started = Instant::now();
-    let mut bundle = Bundle::read(&args.scene)?;
+    let mut bundle = Bundle::read(&args.what.scene)?;
     let request = request::of(&args.job, &bundle)?;
     debug_assert_eq!(request.quality, Some(Quality::Samples { samples }));
     if args.job.crop.is_some() {
@@ -125,7 +124,7 @@ pub fn command(mut args: BenchRenderArgs) -> Result<(), Failure> {
     let median = median(&runs);
     let threads = args.threads;
     let report = Report { width, height, samples, threads, load_seconds, build_seconds, runs, median };
-    if args.json { print::json(&report) } else { print::lines(lines(&report)) }
+    if args.what.json { print::json(&report) } else { print::lines(lines(&report)) }
 }
 
 fn lines(report: &Report) -> Vec<String> {

@@ -6,6 +6,7 @@
 
 mod animation;
 mod check;
+mod import;
 mod light;
 mod material;
 mod parse;
@@ -18,6 +19,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use animation::{Animation, CameraKey, TransformKey};
+pub use import::{Import, Source};
 pub use light::{Constant, Directional, Environment, EnvironmentImage, Light, Point, Spot};
 pub use material::{
     BlinnMicrofacet, BlinnPhong, Checkerboard, Conductor, Dielectric, Diffuse, Image, Material, MaterialKind, Metal,

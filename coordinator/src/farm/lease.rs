@@ -3,12 +3,12 @@
 use common::{
     job::{JobId, JobState, LeaseId, WorkerId},
     pass::{PREPARE_PASS, Work},
-    protocol::{Unit, UnitId},
+    protocol::{Outcome, Unit, UnitId},
     tile::Rect,
 };
 
 use super::{
-    Attempt, DEADLINE_FACTOR, DEADLINE_GRACE, Effect, Farm, Grant, LEASE_SECONDS, LEASE_TARGET, TileKey,
+    Attempt, DEADLINE_FACTOR, DEADLINE_GRACE, Effect, Farm, Grant, LEASE_SECONDS, LEASE_TARGET,
     job::{Phase, Piece, PieceState, Running, Stage},
 };
 
@@ -36,19 +36,6 @@ pub(super) struct Held {
     pub(super) deadline: f64,
     /// Processor seconds of the units handed in so far.
     pub(super) cpu_seconds: f64,
-}
-
-impl Held {
-    /// What is told of an attempt at one of its units.
-    pub(super) fn attempt_failed(&self, unit: &UnitRef, cause: &'static str, message: &str) -> Effect {
-        Effect::AttemptFailed(Attempt {
-            tile: TileKey { job: self.job, frame: self.frame, tile: unit.tile },
-            pass: unit.pass,
-            worker: self.worker,
-            cause,
-            message: message.into(),
-        })
-    }
 }
 
 #[derive(Debug)]
@@ -332,12 +319,14 @@ impl Farm {
         let units: Vec<UnitRef> = held.units.iter().map(|held| held.unit).collect();
         match why {
             Release::Returned => {
+                let why = (Outcome::Returned, "handed back unrendered");
+                self.attempts_failed((lease, &held), &units, why, now, out);
                 self.give_back(lease, &held, &units, |_| {});
                 self.counters.returned += units.len() as u64;
             }
             Release::Lost => {
-                let why = "the worker fell silent while it held the unit";
-                out.extend(units.iter().map(|unit| held.attempt_failed(unit, "lost", why)));
+                let why = (Outcome::Lost, "the worker fell silent while it held the unit");
+                self.attempts_failed((lease, &held), &units, why, now, out);
                 let worst = self.give_back(lease, &held, &units, |piece| piece.lost += 1);
                 self.counters.lost += units.len() as u64;
                 if worst.lost >= super::MAX_LOST {
@@ -349,9 +338,36 @@ impl Farm {
             Release::Hung => {
                 let seconds = now - held.granted_at;
                 let message = format!("not done within {seconds:.0} s");
-                self.units_failed(lease, &held, &units, "hung", &message, now, out);
+                self.units_failed(lease, &held, &units, (Outcome::Hung, &message), now, out);
             }
         }
+    }
+
+    /// What is told of attempts at units of a lease that came to nothing.
+    pub(super) fn attempts_failed(
+        &self,
+        (lease, held): (LeaseId, &Held),
+        units: &[UnitRef],
+        (outcome, message): (Outcome, &str),
+        now: f64,
+        out: &mut Vec<Effect>,
+    ) {
+        let open = self.jobs.get(&held.job).and_then(|job| job.open_ref(held.frame));
+        out.extend(units.iter().filter_map(|unit| {
+            let tile = open?.tiles.get(unit.tile as usize)?;
+            let rect = match &tile.phase {
+                Phase::Running(running) if tile.passes == unit.pass => running.pieces.get(unit.piece as usize)?.rect,
+                _ => tile.rect,
+            };
+            Some(Effect::AttemptFailed(Attempt {
+                unit: UnitId { job: held.job, frame: held.frame, tile: unit.tile, pass: unit.pass, rect },
+                lease,
+                worker: held.worker,
+                outcome,
+                seconds: now - held.granted_at,
+                message: message.into(),
+            }))
+        }));
     }
 
     /// Put units of a lease back to be leased again, and note why. Returns the worst that happened to one.

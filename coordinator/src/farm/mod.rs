@@ -24,7 +24,7 @@ use common::{
     job::{JobId, JobState, LeaseId, WorkerId},
     pass::Work,
     plan::Trial,
-    protocol::{FailureCause, Register, Unit, UnitId},
+    protocol::{FailureCause, Outcome, Register, Unit, UnitId},
     tile::{Rect, TileGrid},
 };
 
@@ -315,19 +315,23 @@ pub struct Accepted {
     pub attempts: u32,
     /// Who rendered it, where known.
     pub worker: Option<WorkerId>,
+    /// Seconds since its lease was given, where known.
+    pub seconds: Option<f64>,
 }
 
-/// An attempt at a unit that came to nothing and counts against it.
+/// An attempt at a unit that came to nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attempt {
-    /// The tile.
-    pub tile: TileKey,
-    /// The pass.
-    pub pass: u32,
+    /// The unit.
+    pub unit: UnitId,
+    /// The lease it was given under.
+    pub lease: LeaseId,
     /// Who had it.
     pub worker: WorkerId,
-    /// `failed`, `hung` or `lost`.
-    pub cause: &'static str,
+    /// Why; all but `Returned` count against it.
+    pub outcome: Outcome,
+    /// Seconds since its lease was given.
+    pub seconds: f64,
     /// One sentence.
     pub message: String,
 }

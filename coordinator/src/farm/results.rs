@@ -3,7 +3,7 @@
 use common::{
     job::{LeaseId, WorkerId},
     pass::PREPARE_PASS,
-    protocol::{FailureCause, UnitId},
+    protocol::{FailureCause, Outcome, UnitId},
 };
 
 use super::{
@@ -54,7 +54,8 @@ impl Farm {
         now: f64,
         out: &mut Vec<Effect>,
     ) {
-        let worker = self.leases.get(&lease).map(|held| held.worker);
+        let granted = self.leases.get(&lease).map(|held| (held.worker, now - held.granted_at));
+        let (worker, seconds) = granted.unzip();
         let at = match (self.wanted(&id), self.locate(&id)) {
             (Wanted::Open(_), Some((at, _))) => at,
             _ => {
@@ -81,7 +82,7 @@ impl Farm {
         piece.state = PieceState::Saving;
         let holders = std::mem::take(&mut piece.holders);
         open.pending.remove(&(at.pass, at.tile, at.piece));
-        let accepted = Accepted { unit: id, split: running.split, share: running.share, attempts, worker };
+        let accepted = Accepted { unit: id, split: running.split, share: running.share, attempts, worker, seconds };
         if let Some(held) = self.leases.get_mut(&lease) {
             held.cpu_seconds += cpu_seconds;
         }
@@ -129,6 +130,7 @@ impl Farm {
             share: running.share,
             attempts: tile.attempts,
             worker: tile.worker,
+            seconds: None,
         }));
     }
 
@@ -168,9 +170,12 @@ impl Farm {
         match cause {
             FailureCause::Returned => {
                 self.counters.returned += units.len() as u64;
+                self.attempts_failed((lease, &held), &units, (Outcome::Returned, message), now, out);
                 self.give_back(lease, &held, &units, |_| {});
             }
-            FailureCause::Failed => self.units_failed(lease, &held, &units, "failed", message, now, out),
+            FailureCause::Failed => {
+                self.units_failed(lease, &held, &units, (Outcome::Failed, message), now, out);
+            }
         }
         // The job may have failed, and its leases with it.
         let over = self.jobs.get(&held.job).is_none_or(|job| job.state.is_final());
@@ -189,14 +194,12 @@ impl Farm {
     }
 
     /// Units failed on a worker: others try, until there is reason to believe that the units are at fault.
-    #[expect(clippy::too_many_arguments, reason = "what failed, how and when")]
     pub(super) fn units_failed(
         &mut self,
         lease: LeaseId,
         held: &Held,
         units: &[UnitRef],
-        cause: &'static str,
-        message: &str,
+        (outcome, message): (Outcome, &str),
         now: f64,
         out: &mut Vec<Effect>,
     ) {
@@ -204,7 +207,7 @@ impl Farm {
             return;
         }
         self.counters.failed += units.len() as u64;
-        out.extend(units.iter().map(|unit| held.attempt_failed(unit, cause, message)));
+        self.attempts_failed((lease, held), units, (outcome, message), now, out);
         self.strike(held.worker, units.len() as u64, now, out);
         let worst = self.give_back(lease, held, units, |piece| {
             piece.failures += 1;

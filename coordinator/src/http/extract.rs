@@ -9,6 +9,7 @@ use axum::{
 };
 use common::{job::FieldError, scene::from_json};
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use crate::error::Failure;
 
@@ -41,8 +42,29 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Json<T> {
         if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
             return Err(Failure::Malformed("the body is a list; an object is expected".into()));
         }
-        Ok(Json(from_json(&bytes)?))
+        from_json(&bytes).or_else(|error| with_whole_numbers(&bytes).ok_or(error)).map(Json).map_err(Failure::from)
     }
+}
+
+/// The same with 64.0 read as 64, which JSON does not tell apart and serde does.
+fn with_whole_numbers<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
+    /// Up to here every whole number is one in double precision.
+    const EXACT: f64 = (1u64 << 53) as f64;
+    fn settle(value: &mut Value) {
+        match value {
+            Value::Number(number) if number.is_f64() => {
+                if let Some(whole) = number.as_f64().filter(|v| v.fract() == 0.0 && v.abs() <= EXACT) {
+                    *value = Value::from(whole as i64);
+                }
+            }
+            Value::Array(items) => items.iter_mut().for_each(settle),
+            Value::Object(map) => map.values_mut().for_each(settle),
+            _ => {}
+        }
+    }
+    let mut value: Value = serde_json::from_slice(bytes).ok()?;
+    settle(&mut value);
+    from_json(value.to_string().as_bytes()).ok()
 }
 
 /// The parts of a path, each read by `FromStr`; what cannot be read does not exist.

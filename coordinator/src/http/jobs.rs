@@ -8,7 +8,7 @@ use axum::{
 };
 use common::{
     job::{FieldError, JobId, JobRequest, JobState},
-    protocol::{API, Convergence, FailureList, JobList, JobPatch, JobView},
+    protocol::{API, AttemptList, Convergence, FailureList, JobList, JobPatch, JobView},
 };
 
 use super::{
@@ -16,7 +16,7 @@ use super::{
     extract::{Json, Parameters, Parsed},
     request::RequestId,
 };
-use crate::{error::Failure, farm::Command};
+use crate::{error::Failure, farm::Command, store::AttemptQuery};
 
 /// Longest key that names a submission.
 const LONGEST_KEY: usize = 255;
@@ -66,10 +66,7 @@ pub(super) async fn list(State(service): Shared, parameters: Parameters) -> Resu
     let parameters = parameters.only(&["status", "limit", "cursor"])?;
     let state: Option<JobState> = parameters.get("status")?;
     let before: Option<JobId> = parameters.get("cursor")?;
-    let limit: usize = parameters.get("limit")?.unwrap_or(50);
-    if !(1..=500).contains(&limit) {
-        return Err(FieldError::new("limit", format!("{limit} is not within 1 to 500")).into());
-    }
+    let limit = limit(&parameters)?;
     let (jobs, next) = service.list_jobs(state, before, limit);
     Ok(Answer(JobList { jobs, next: next.map(|id| id.to_string()) }))
 }
@@ -138,6 +135,44 @@ pub(super) async fn failures(
     Parsed((id,)): Parsed<(JobId,)>,
 ) -> Result<Answer<FailureList>, Failure> {
     Ok(Answer(FailureList { failures: service.failures(id)? }))
+}
+
+/// Attempts at a job's units, newest first
+///
+/// Who had each unit, for how long, and what came of it: the log of a job, a frame or a tile.
+#[utoipa::path(get, path = "/jobs/{id}/attempts", tag = "jobs",
+    params(
+        ("frame" = Option<u32>, Query, description = "Only of this frame."),
+        ("tile" = Option<u32>, Query, description = "Only of tiles with this index."),
+        ("outcome" = Option<String>, Query, description = "Only those that ended so."),
+        ("limit" = Option<u32>, Query, description = "Most attempts of a page, 1 to 500; 50 where absent.", minimum = 1, maximum = 500),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before."),
+    ),
+    responses((status = 200, description = "A page of attempts.", body = ref("#/components/schemas/AttemptList"))))]
+pub(super) async fn attempts(
+    State(service): Shared,
+    Parsed((job,)): Parsed<(JobId,)>,
+    parameters: Parameters,
+) -> Result<Answer<AttemptList>, Failure> {
+    let parameters = parameters.only(&["frame", "tile", "outcome", "limit", "cursor"])?;
+    let query = AttemptQuery {
+        job,
+        frame: parameters.get("frame")?,
+        tile: parameters.get("tile")?,
+        outcome: parameters.get("outcome")?,
+        before: parameters.get("cursor")?,
+        limit: limit(&parameters)?,
+    };
+    service.attempts(query).await.map(Answer)
+}
+
+/// The length of a page.
+fn limit(parameters: &Parameters) -> Result<usize, Failure> {
+    let limit: usize = parameters.get("limit")?.unwrap_or(50);
+    if !(1..=500).contains(&limit) {
+        return Err(FieldError::new("limit", format!("{limit} is not within 1 to 500")).into());
+    }
+    Ok(limit)
 }
 
 /// How the error of a job falls with the work spent

@@ -43,6 +43,7 @@ fn api() -> OpenApiRouter<Arc<Service>> {
         .routes(routes!(jobs::pause))
         .routes(routes!(jobs::resume))
         .routes(routes!(jobs::requeue))
+        .routes(routes!(jobs::attempts))
         .routes(routes!(jobs::failures))
         .routes(routes!(jobs::convergence))
         .routes(routes!(jobs::convergence_chart))

@@ -6,12 +6,12 @@ use common::{
     hash::AssetHash,
     job::{JobId, JobRequest, LeaseId, WorkerId},
     protocol::{
-        API, Convergence, ErrorBody, FailureList, FarmView, Heartbeat, HeartbeatReply, JobList, JobPatch, JobView,
-        Lease, LeaseFailure, LeaseRequest, Register, Registered, ShippedScenes, Stored, TileList, UnitId, WorkerList,
-        WorkerView,
+        API, AttemptList, Convergence, ErrorBody, FailureList, FarmView, Heartbeat, HeartbeatReply, JobList, JobPatch,
+        JobView, Lease, LeaseFailure, LeaseRequest, Register, Registered, ShippedScenes, Stored, TileList, UnitId,
+        WorkerList, WorkerView,
     },
 };
-use schemars::{JsonSchema, SchemaGenerator, generate::SchemaSettings};
+use schemars::{JsonSchema, Schema, SchemaGenerator, generate::SchemaSettings, transform::RecursiveTransform};
 use serde_json::{Map, Value, json};
 use utoipa::openapi::OpenApi;
 
@@ -75,8 +75,13 @@ fn complete(path: &str, method: &str, operation: &mut Value) {
             if parameter["name"] == "map" {
                 parameter["schema"] = json!({ "type": "string", "enum": ["image", "samples", "error"] });
             }
+            if parameter["name"] == "cursor" && path.ends_with("/attempts") {
+                parameter["schema"] = json!({ "type": "string", "pattern": "^([0-9]{1,19})?$" });
+                continue;
+            }
             let reference = match parameter["name"].as_str() {
                 Some("status") => "JobState",
+                Some("outcome") => "Outcome",
                 Some("cursor") => "JobId",
                 _ => continue,
             };
@@ -122,6 +127,15 @@ fn parameter(path: &str, name: &str) -> Value {
 fn schemas() -> Map<String, Value> {
     let settings = SchemaSettings::draft2020_12().with(|settings| {
         settings.definitions_path = "/components/schemas".into();
+        settings.transforms.push(Box::new(RecursiveTransform(|schema: &mut Schema| {
+            // A format is a remark; a bound is a rule.
+            let most = match schema.get("format").and_then(Value::as_str) {
+                Some("uint32") => json!(u32::MAX),
+                Some("uint64") => json!(u64::MAX),
+                _ => return,
+            };
+            schema.ensure_object().entry("maximum").or_insert(most);
+        })));
     });
     let mut generator = settings.into_generator();
     fn add<T: JsonSchema>(generator: &mut SchemaGenerator) {
@@ -133,6 +147,7 @@ fn schemas() -> Map<String, Value> {
     add::<JobView>(&mut generator);
     add::<JobList>(&mut generator);
     add::<FailureList>(&mut generator);
+    add::<AttemptList>(&mut generator);
     add::<Convergence>(&mut generator);
     add::<TileList>(&mut generator);
     add::<FarmView>(&mut generator);

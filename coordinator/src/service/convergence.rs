@@ -6,7 +6,7 @@ use common::{
 };
 use plot::{Axis, Chart, Guide, Series, Style};
 
-use super::{Service, jobs::foreseen, lock, measure};
+use super::{Service, lock, measure, view::foreseen};
 use crate::{error::Failure, store::Write};
 
 /// A point is kept when this much more work was done than at the last one: some 50 a decade.
@@ -64,7 +64,7 @@ impl Service {
     /// # Errors
     /// There is no such job.
     pub fn convergence_chart(&self, id: JobId) -> Result<String, Failure> {
-        Ok(plot::svg(&chart(&self.convergence(id)?)))
+        Ok(plot::svg_by_theme(&chart(&self.convergence(id)?)))
     }
 }
 

@@ -6,18 +6,43 @@ use common::protocol::{FarmMoment, FarmView, WorkerView};
 use plot::{Axis, Chart, Series, Style};
 
 use super::{Service, lock};
-use crate::{error::Failure, time::unix};
+use crate::{error::Failure, store::Write, time::unix};
 
 /// Seconds between two moments.
 const EVERY: f64 = 5.0;
-/// Moments kept: an hour.
-const KEPT: usize = 720;
+/// How long moments are kept, seconds: an hour.
+const KEPT: f64 = 3600.0;
 
 /// What is kept of the past.
 #[derive(Debug, Default)]
 pub(super) struct History {
     moments: VecDeque<FarmMoment>,
+    /// When the last was, by the clock that never runs backwards.
     last: Option<f64>,
+    /// The last ones that are not stored yet.
+    unsaved: Vec<FarmMoment>,
+}
+
+impl From<Vec<FarmMoment>> for History {
+    /// What was stored, before a restart perhaps.
+    fn from(stored: Vec<FarmMoment>) -> Self {
+        let mut history = Self { moments: stored.into(), ..Self::default() };
+        history.forget(unix());
+        history
+    }
+}
+
+impl History {
+    fn push(&mut self, moment: FarmMoment) {
+        self.moments.push_back(moment);
+        self.unsaved.push(moment);
+        self.forget(moment.at);
+    }
+
+    /// Forget what is too old; and what is yet to come, because the machine's clock was set back.
+    fn forget(&mut self, now: f64) {
+        self.moments.retain(|moment| moment.at >= now - KEPT && moment.at <= now);
+    }
 }
 
 impl Service {
@@ -31,16 +56,22 @@ impl Service {
         history.last = Some(now);
         let (units_pending, units_leased) = self.farm().queue();
         let workers = self.worker_views();
-        if history.moments.len() == KEPT {
-            history.moments.pop_front();
-        }
-        history.moments.push_back(FarmMoment {
+        history.push(FarmMoment {
             at: unix(),
             units_pending,
             units_leased,
             samples_per_second: workers.iter().map(|worker| worker.samples_per_second).sum(),
             busy: busy(&workers),
         });
+    }
+
+    /// Store the moments since the last time.
+    pub(super) fn save_moments(&self) {
+        let unsaved = std::mem::take(&mut lock(&self.history).unsaved);
+        if let Some(last) = unsaved.last() {
+            let oldest = last.at - KEPT;
+            drop(self.store.write(Write::Moments(unsaved, oldest)));
+        }
     }
 
     /// The farm now, and over the last hour.
@@ -76,7 +107,17 @@ impl Service {
         let end = moments.last().map_or(0.0, |last| last.at);
         let minutes = |moment: &FarmMoment| (moment.at - end) / 60.0;
         let curve = |name: &str, value: fn(&FarmMoment) -> f64| {
-            Series::new(name, Style::Curve, moments.iter().map(|moment| (minutes(moment), value(moment))))
+            // While there was no coordinator, nothing is known: the curve has a gap.
+            let mut points = Vec::with_capacity(moments.len());
+            let mut before = f64::INFINITY;
+            for moment in &moments {
+                if moment.at - before > 3.0 * EVERY {
+                    points.push((minutes(moment), f64::NAN));
+                }
+                before = moment.at;
+                points.push((minutes(moment), value(moment)));
+            }
+            Series::new(name, Style::Curve, points)
         };
         let highest = |series: &[Series], least: f64| {
             let values = series.iter().flat_map(|series| &series.points).map(|point| point.y);
@@ -103,7 +144,7 @@ impl Service {
             _ => return Err(Failure::NotFound(format!("chart \"{name}\" of the farm"))),
         };
         let since = moments.first().map_or(-1.0, |first| minutes(first).min(-1.0));
-        Ok(plot::svg(&Chart {
+        Ok(plot::svg_by_theme(&Chart {
             title: title.into(),
             x: Axis::linear("time, from now", "min").between(since, 0.0),
             y: y.between(0.0, high),
@@ -126,6 +167,19 @@ fn busy(workers: &[WorkerView]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_past_comes_back_as_far_as_it_is_not_too_old() {
+        let now = unix();
+        let moment = |at: f64| FarmMoment { at, units_pending: 0, units_leased: 0, samples_per_second: 0.0, busy: 0.0 };
+        let mut history = History::from(vec![moment(now - 3700.0), moment(now - 3000.0), moment(now + 100.0)]);
+        history.push(moment(now + 1.0));
+        let times: Vec<f64> = history.moments.iter().map(|moment| moment.at).collect();
+        assert_eq!(times, [now - 3000.0, now + 1.0]);
+        assert_eq!(history.unsaved.len(), 1, "what was stored is not stored again");
+        history.push(moment(now + 700.0));
+        assert_eq!(history.moments.len(), 2);
+    }
 
     #[test]
     fn the_busy_share_counts_threads_of_workers_that_may_work() {

@@ -3,8 +3,8 @@
 //! This is where time comes in and where async begins. It decides nothing: what happens next is the farm's
 //! business, which samples come next is the plan's.
 
+mod attempts;
 mod convergence;
-mod failures;
 pub mod films;
 mod frames;
 mod history;
@@ -13,6 +13,8 @@ mod jobs;
 mod measure;
 mod results;
 mod shipped;
+mod submit;
+mod view;
 mod workers;
 
 use std::{
@@ -70,6 +72,7 @@ pub struct Service {
     next_request: AtomicU64,
     next_ask: AtomicU64,
     next_job: AtomicU64,
+    next_attempt: AtomicU64,
     epoch: u64,
     tallies: Tallies,
     /// Locked while this coordinator lives: two of them must not share a folder.
@@ -113,7 +116,7 @@ pub(crate) struct Tallies {
 
 /// How often time passes for the farm, and listeners are told.
 const TICK: Duration = Duration::from_millis(250);
-/// Ticks between two times that the workers' counts are stored.
+/// Ticks between two times that the workers' counts and the farm's past are stored.
 const SAVE_WORKERS: u32 = 240;
 /// Notices that a slow listener may fall behind before it is told the whole state again.
 const NOTICES: usize = 1024;
@@ -162,11 +165,13 @@ impl Service {
             notices: broadcast::channel(NOTICES).0,
             dirty: Mutex::default(),
             submitting: tokio::sync::Mutex::default(),
-            history: Mutex::default(),
+            history: Mutex::new(History::from(snapshot.moments)),
             thumbnails: Thumbnails::default(),
             next_request: AtomicU64::new(1),
             next_ask: AtomicU64::new(1),
             next_job: AtomicU64::new(snapshot.next_job.max(1)),
+            // Above those of the start before, without looking at them.
+            next_attempt: AtomicU64::new((snapshot.epoch << 32) + 1),
             epoch: snapshot.epoch,
             tallies: Tallies::default(),
             _folder: folder,
@@ -198,6 +203,7 @@ impl Service {
                 if since_saved >= SAVE_WORKERS {
                     since_saved = 0;
                     service.save_workers();
+                    service.save_moments();
                 }
             }
         });
@@ -208,6 +214,7 @@ impl Service {
     pub async fn close(&self) {
         self.leaving.cancel();
         self.save_workers();
+        self.save_moments();
         if let Err(error) = self.store.close().await {
             tracing::error!(%error, "the store could not be closed");
         }

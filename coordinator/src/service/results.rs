@@ -42,6 +42,7 @@ impl Service {
             Wanted::Open(unit) => unit,
             Wanted::Unknown => return Err(Failure::NotFound(format!("unit {id}"))),
             Wanted::Closed => {
+                self.note_late(lease, id);
                 // Its first result may be on its way to the disk: what is acknowledged must be there.
                 self.settle().await?;
                 return Ok(Receipt { counted: false });
@@ -68,9 +69,11 @@ impl Service {
             Effect::Accept(accepted) => Some(accepted),
             _ => None,
         }) else {
+            self.note_late(lease, id);
             self.settle().await?;
             return Ok(Receipt { counted: false });
         };
+        self.note_done(lease, &accepted, cpu_seconds, samples);
         self.tallies.samples.fetch_add(samples, Ordering::Relaxed);
         self.tallies.cpu_microseconds.fetch_add((cpu_seconds * 1e6) as u64, Ordering::Relaxed);
         // A task of its own: a sender that hangs up must not leave the unit half taken in.
@@ -100,11 +103,18 @@ impl Service {
                 return Err(Failure::Refused(format!("unit {id}: {message}")));
             }
         };
-        let answers = self.apply(Event::Result { lease, unit: id, samples: 0, cpu_seconds: cpu_seconds.max(0.0) });
-        if !answers.iter().any(|answer| matches!(answer, Effect::Accept(_))) {
+        let cpu_seconds = cpu_seconds.max(0.0);
+        let answers = self.apply(Event::Result { lease, unit: id, samples: 0, cpu_seconds });
+        let accepted = answers.iter().find_map(|answer| match answer {
+            Effect::Accept(accepted) => Some(accepted),
+            _ => None,
+        });
+        let Some(accepted) = accepted else {
+            self.note_late(lease, id);
             self.settle().await?;
             return Ok(Receipt { counted: false });
-        }
+        };
+        self.note_done(lease, accepted, cpu_seconds, 0);
         {
             let mut record = lock(&entry.record);
             // What a trial may choose, and nothing else, is the worker's.

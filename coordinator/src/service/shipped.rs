@@ -8,7 +8,7 @@ use common::{
     scene::SceneFile,
 };
 
-use super::{Service, jobs::MAX_SCENE};
+use super::{Service, submit::MAX_SCENE};
 use crate::error::Failure;
 
 /// The repository's folder of scenes, without those of the tests.
@@ -52,7 +52,7 @@ impl Service {
     }
 
     /// Store bytes under their hash.
-    async fn keep(&self, bytes: Vec<u8>) -> Result<AssetHash, Failure> {
+    pub(super) async fn keep(&self, bytes: Vec<u8>) -> Result<AssetHash, Failure> {
         let hash = AssetHash::of(&bytes);
         if self.blobs.size(hash).await?.is_none() {
             let once = futures::stream::iter([Ok::<_, String>(bytes.into())]);

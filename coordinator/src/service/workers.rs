@@ -26,9 +26,14 @@ impl Service {
     /// What it says of itself is too long, or it could not be stored.
     pub async fn register(self: &Arc<Self>, register: Register) -> Result<Registered, Failure> {
         let texts = [&register.machine, &register.tracer, &register.nonce];
-        let longest = texts.into_iter().chain(&register.cpu_features).map(String::len).max().unwrap_or(0);
-        if longest > 256 || register.cpu_features.len() > 64 || register.nonce.is_empty() {
-            return Err(Failure::Refused("a worker's texts are 1 to 256 bytes long, its features at most 64".into()));
+        let long = |text: &String| text.chars().count() > 256;
+        if texts.into_iter().chain(&register.cpu_features).any(long)
+            || register.cpu_features.len() > 64
+            || register.nonce.is_empty()
+        {
+            return Err(Failure::Refused(
+                "a worker's texts are at most 256 letters long, its nonce at least one, its features at most 64".into(),
+            ));
         }
         let answers = self.apply(Event::Register(register));
         let worker = answers.into_iter().find_map(|answer| match answer {

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use common::{
     hash::AssetHash,
-    job::{Frames, JobState, Quality},
+    job::{Frames, JobState, LeaseId, Quality},
     method::Method,
-    protocol::Register,
+    protocol::{Register, UnitId},
 };
 
 use super::*;
@@ -142,6 +142,64 @@ async fn conforms<S: Store>(store: S, reopen: impl AsyncFn(S) -> S) {
     assert!(store.tiles(JobId(2)).await.unwrap().is_empty() && store.parts(JobId(2)).await.unwrap().is_empty());
     assert!(store.film(key(2, 1, 0)).await.unwrap().is_none());
 
+    // Attempts, newest first, by what is asked for, a page at a time; the oldest of too many go.
+    let attempt = |number: u64, tile: u32, outcome: Outcome| {
+        let unit = UnitId { job: JobId(1), frame: 1, tile, pass: 0, rect: Rect::frame(32, 32) };
+        let view = AttemptView {
+            at: "2026-01-01T00:00:00Z".into(),
+            unit,
+            lease: LeaseId(number),
+            worker: Some(WorkerId(7)),
+            outcome,
+            seconds: Some(0.25),
+            cpu_seconds: 0.125,
+            samples: 3,
+            message: None,
+        };
+        (number, view)
+    };
+    let log = async |(number, view): (u64, AttemptView)| store.write(Write::Attempt(number, Box::new(view))).await;
+    let written = [
+        attempt(1, 0, Outcome::Done),
+        attempt(2, 3, Outcome::Failed),
+        attempt(3, 3, Outcome::Done),
+        attempt(5, 0, Outcome::Done),
+    ];
+    for attempt in written.clone() {
+        log(attempt).await.unwrap();
+    }
+    let mut gone = attempt(6, 0, Outcome::Done);
+    gone.1.unit.job = JobId(2);
+    log(gone).await.unwrap();
+    let all = AttemptQuery { job: JobId(1), frame: None, tile: None, outcome: None, before: None, limit: 100 };
+    for (query, numbers) in [
+        (all, &[5, 3, 2, 1][..]),
+        (AttemptQuery { tile: Some(3), ..all }, &[3, 2]),
+        (AttemptQuery { frame: Some(2), ..all }, &[]),
+        (AttemptQuery { outcome: Some(Outcome::Done), limit: 2, ..all }, &[5, 3]),
+        (AttemptQuery { before: Some(3), frame: Some(1), ..all }, &[2, 1]),
+        (AttemptQuery { job: JobId(2), ..all }, &[]),
+    ] {
+        let found = store.attempts(query).await.unwrap();
+        let expected: Vec<_> = numbers.iter().map(|n| written.iter().find(|w| w.0 == *n).unwrap().clone()).collect();
+        assert_eq!(found, expected, "{query:?}");
+    }
+    let most = KEPT_ATTEMPTS as u64;
+    for number in 6..=most + TRIMMED_EVERY {
+        let (number, view) = attempt(number, 0, Outcome::Late);
+        drop(store.write(Write::Attempt(number, Box::new(view))));
+    }
+    store.write(Write::Barrier).await.unwrap();
+    let kept = store.attempts(AttemptQuery { limit: usize::MAX >> 1, ..all }).await.unwrap();
+    assert!((most..most + TRIMMED_EVERY).contains(&(kept.len() as u64)), "{}", kept.len());
+    assert_eq!(kept[0].0, most + TRIMMED_EVERY);
+
+    // Moments come back in order, without those that are too old.
+    let moment =
+        |at: f64| FarmMoment { at, units_pending: 1, units_leased: 2, samples_per_second: 0.1 + 0.2, busy: 0.5 };
+    store.write(Write::Moments(vec![moment(1.0), moment(2.0)], 0.0)).await.unwrap();
+    store.write(Write::Moments(vec![moment(3.5)], 2.0)).await.unwrap();
+
     // Workers come back as they were written last.
     let register = Register {
         machine: "m".into(),
@@ -162,6 +220,7 @@ async fn conforms<S: Store>(store: S, reopen: impl AsyncFn(S) -> S) {
     let store = reopen(store).await;
     let last = store.begin().await.unwrap();
     assert_eq!(last.workers, [(WorkerId(4), worker)]);
+    assert_eq!(last.moments, [moment(2.0), moment(3.5)]);
     assert_eq!(last.jobs.iter().map(|job| (job.id.0, job.seed)).collect::<Vec<_>>(), [(1, u64::MAX), (5, 99)]);
     assert_eq!(last.next_job, 6);
     store.close().await.unwrap();

@@ -8,11 +8,15 @@ use std::{
 use bytes::Bytes;
 use common::{
     job::{JobId, WorkerId},
+    protocol::{AttemptView, FarmMoment},
     tile::Rect,
 };
 use futures::FutureExt;
 
-use super::{Answer, JobRecord, Snapshot, Store, StoreError, StoredFilm, StoredPart, StoredTile, WorkerRecord, Write};
+use super::{
+    Answer, AttemptQuery, JobRecord, KEPT_ATTEMPTS, Snapshot, Store, StoreError, StoredFilm, StoredPart, StoredTile,
+    TRIMMED_EVERY, WorkerRecord, Write,
+};
 use crate::farm::TileKey;
 
 /// Tile, pass, top, left.
@@ -26,6 +30,8 @@ struct Held {
     workers: BTreeMap<WorkerId, WorkerRecord>,
     tiles: BTreeMap<TileKey, StoredFilm>,
     parts: BTreeMap<PartKey, (Rect, usize, Bytes)>,
+    attempts: BTreeMap<(JobId, u64), AttemptView>,
+    moments: Vec<FarmMoment>,
 }
 
 /// See the module's documentation.
@@ -50,6 +56,7 @@ impl Held {
                 self.jobs.remove(&id);
                 self.tiles.retain(|key, _| key.job != id);
                 self.parts.retain(|(key, ..), _| key.job != id);
+                self.attempts.retain(|(job, _), _| *job != id);
             }
             Write::Tile { key, record, film, ring } if self.jobs.contains_key(&key.job) => {
                 let passes = record.passes;
@@ -84,8 +91,22 @@ impl Held {
             Write::Part { key, pass, rect, split, result } if self.jobs.contains_key(&key.job) => {
                 self.parts.entry((key, pass, rect.y, rect.x)).or_insert((rect, split, result));
             }
+            Write::Attempt(number, attempt) if self.jobs.contains_key(&attempt.unit.job) => {
+                let job = attempt.unit.job;
+                self.attempts.insert((job, number), *attempt);
+                let of_job = (job, 0)..=(job, u64::MAX);
+                if number.is_multiple_of(TRIMMED_EVERY) {
+                    let last =
+                        self.attempts.range(of_job).rev().nth(KEPT_ATTEMPTS).map_or(0, |((_, number), _)| *number);
+                    self.attempts.retain(|(other, number), _| *other != job || *number > last);
+                }
+            }
+            Write::Moments(moments, oldest) => {
+                self.moments.extend(moments);
+                self.moments.retain(|moment| moment.at >= oldest);
+            }
             Write::Worker(id, record) => drop(self.workers.insert(id, *record)),
-            Write::Tile { .. } | Write::Part { .. } | Write::Barrier => {}
+            Write::Tile { .. } | Write::Part { .. } | Write::Attempt(..) | Write::Barrier => {}
         }
     }
 }
@@ -99,6 +120,7 @@ impl Store for MemoryStore {
                 workers: held.workers.iter().map(|(&id, record)| (id, record.clone())).collect(),
                 next_job: held.next_job.max(1),
                 epoch: held.epoch,
+                moments: held.moments.clone(),
             }
         })
     }
@@ -129,6 +151,20 @@ impl Store for MemoryStore {
         self.with(|held| {
             let parts = held.parts.range((key, pass, 0, 0)..=(key, pass, u32::MAX, u32::MAX));
             parts.map(|(_, (rect, _, result))| (*rect, result.clone())).collect()
+        })
+    }
+
+    fn attempts(&self, query: AttemptQuery) -> Answer<Vec<(u64, AttemptView)>> {
+        self.with(|held| {
+            let AttemptQuery { job, frame, tile, outcome, before, limit } = query;
+            let fits = |attempt: &AttemptView| {
+                frame.is_none_or(|frame| attempt.unit.frame == frame)
+                    && tile.is_none_or(|tile| attempt.unit.tile == tile)
+                    && outcome.is_none_or(|outcome| attempt.outcome == outcome)
+            };
+            let of_job = held.attempts.range((job, 0)..(job, before.unwrap_or(u64::MAX))).rev();
+            let found = of_job.filter(|(_, attempt)| fits(attempt)).take(limit);
+            found.map(|((_, number), attempt)| (*number, attempt.clone())).collect()
         })
     }
 

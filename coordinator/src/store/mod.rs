@@ -14,6 +14,7 @@ mod sqlite;
 use bytes::Bytes;
 use common::{
     job::{JobId, WorkerId},
+    protocol::{AttemptView, FarmMoment, Outcome},
     tile::Rect,
 };
 use futures::future::BoxFuture;
@@ -39,12 +40,17 @@ pub enum StoreError {
     Closed,
 }
 
+/// Attempts at units that are kept of a job, at least.
+pub const KEPT_ATTEMPTS: usize = 50_000;
+/// Attempts between two times that the oldest go.
+const TRIMMED_EVERY: u64 = 1024;
+
 /// Something to be written.
 #[derive(Debug, Clone)]
 pub enum Write {
     /// A job, new or changed.
     Job(Box<JobRecord>),
-    /// Forget a job, its tiles and parts.
+    /// Forget a job, its tiles, parts and attempts.
     DeleteJob(JobId),
     /// The merged film of a tile; the parts of earlier passes are dropped. Ignored when its job is gone, and
     /// when the tile has as many passes or more.
@@ -87,6 +93,11 @@ pub enum Write {
         /// The result, compressed.
         result: Bytes,
     },
+    /// An attempt at a unit; attempts of a job have ascending numbers. Ignored when its job is gone. Of each job the
+    /// last [`KEPT_ATTEMPTS`] are kept, and perhaps some more.
+    Attempt(u64, Box<AttemptView>),
+    /// Moments of the farm, and when the oldest was that is kept, Unix seconds.
+    Moments(Vec<FarmMoment>, f64),
     /// A worker, new or changed.
     Worker(WorkerId, Box<WorkerRecord>),
     /// Nothing: durable when everything before it is.
@@ -100,6 +111,7 @@ impl Write {
             Write::Tile { film, ring, .. } => film.len() + ring.as_ref().map_or(0, Bytes::len),
             Write::Part { result, .. } => result.len(),
             Write::Summaries(summaries) => 512 * summaries.len(),
+            Write::Moments(moments, _) => 128 * moments.len(),
             _ => 256,
         }
     }
@@ -127,6 +139,23 @@ pub struct StoredPart {
     pub split: usize,
 }
 
+/// Which attempts at a job's units are wanted: all that fit, newest first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AttemptQuery {
+    /// The job.
+    pub job: JobId,
+    /// Only of this frame.
+    pub frame: Option<u32>,
+    /// Only of tiles with this index.
+    pub tile: Option<u32>,
+    /// Only those that ended so.
+    pub outcome: Option<Outcome>,
+    /// Only those with a lower number.
+    pub before: Option<u64>,
+    /// Most of them.
+    pub limit: usize,
+}
+
 /// Everything but films and results.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Snapshot {
@@ -138,6 +167,8 @@ pub struct Snapshot {
     pub next_job: u64,
     /// How often the store was begun, this time included.
     pub epoch: u64,
+    /// How the farm was, oldest first.
+    pub moments: Vec<FarmMoment>,
 }
 
 /// The film of a tile as it is stored.
@@ -173,6 +204,9 @@ pub trait Store: Send + Sync + 'static {
 
     /// The results of the parts of a tile's pass, in row order.
     fn results(&self, key: TileKey, pass: u32) -> Answer<Vec<(Rect, Bytes)>>;
+
+    /// Attempts at units, newest first, with their numbers.
+    fn attempts(&self, query: AttemptQuery) -> Answer<Vec<(u64, AttemptView)>>;
 
     /// Finish what is queued and let go of the files.
     fn close(&self) -> Answer<()>;

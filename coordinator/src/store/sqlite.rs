@@ -8,6 +8,7 @@ use std::{path::Path, time::Duration};
 use bytes::Bytes;
 use common::{
     job::{JobId, WorkerId},
+    protocol::{AttemptView, Outcome},
     tile::Rect,
 };
 use futures::FutureExt;
@@ -18,7 +19,10 @@ use sqlx::{
 };
 use tokio::sync::{mpsc, oneshot};
 
-use super::{Answer, Snapshot, Store, StoreError, StoredFilm, StoredPart, StoredTile, TileRecord, Write};
+use super::{
+    Answer, AttemptQuery, KEPT_ATTEMPTS, Snapshot, Store, StoreError, StoredFilm, StoredPart, StoredTile,
+    TRIMMED_EVERY, TileRecord, Write,
+};
 use crate::farm::TileKey;
 
 /// Most writes of a group, and about the most bytes.
@@ -142,6 +146,7 @@ async fn apply(db: &mut SqliteConnection, write: &Write) -> Result<(), StoreErro
             let id = id.0 as i64;
             sqlx::query("DELETE FROM jobs WHERE id = ?").bind(id).execute(&mut *db).await?;
             sqlx::query("DELETE FROM tiles WHERE job = ?").bind(id).execute(&mut *db).await?;
+            sqlx::query("DELETE FROM attempts WHERE job = ?").bind(id).execute(&mut *db).await?;
             sqlx::query("DELETE FROM parts WHERE job = ?").bind(id).execute(db).await?;
         }
         Write::Tile { key, record, film, ring } => {
@@ -228,6 +233,41 @@ async fn apply(db: &mut SqliteConnection, write: &Write) -> Result<(), StoreErro
             .execute(db)
             .await?;
         }
+        Write::Attempt(number, attempt) => {
+            let (job, number) = (attempt.unit.job.0 as i64, *number);
+            sqlx::query(
+                "INSERT OR IGNORE INTO attempts (job, number, frame, tile, outcome, record)
+                 SELECT ?1, ?2, ?3, ?4, ?5, ?6 WHERE EXISTS (SELECT 1 FROM jobs WHERE id = ?1)",
+            )
+            .bind(job)
+            .bind(number as i64)
+            .bind(i64::from(attempt.unit.frame))
+            .bind(i64::from(attempt.unit.tile))
+            .bind(attempt.outcome.name())
+            .bind(json(attempt)?)
+            .execute(&mut *db)
+            .await?;
+            if number.is_multiple_of(TRIMMED_EVERY) {
+                sqlx::query(
+                    "DELETE FROM attempts WHERE job = ?1 AND number <=
+                     (SELECT number FROM attempts WHERE job = ?1 ORDER BY number DESC LIMIT 1 OFFSET ?2)",
+                )
+                .bind(job)
+                .bind(KEPT_ATTEMPTS as i64)
+                .execute(db)
+                .await?;
+            }
+        }
+        Write::Moments(moments, oldest) => {
+            for moment in moments {
+                sqlx::query("INSERT OR REPLACE INTO moments (at, record) VALUES (?, ?)")
+                    .bind(moment.at)
+                    .bind(json(moment)?)
+                    .execute(&mut *db)
+                    .await?;
+            }
+            sqlx::query("DELETE FROM moments WHERE at < ?").bind(oldest).execute(db).await?;
+        }
         Write::Worker(id, record) => {
             sqlx::query("INSERT INTO workers (id, record) VALUES (?, ?) ON CONFLICT (id) DO UPDATE SET record = excluded.record")
                 .bind(id.0 as i64)
@@ -287,6 +327,9 @@ impl Store for SqliteStore {
             for row in sqlx::query("SELECT id, record FROM workers ORDER BY id").fetch_all(&mut *db).await? {
                 let id: i64 = row.try_get("id")?;
                 snapshot.workers.push((WorkerId(id as u64), parse(&row, "record")?));
+            }
+            for row in sqlx::query("SELECT record FROM moments ORDER BY at").fetch_all(&mut *db).await? {
+                snapshot.moments.push(parse(&row, "record")?);
             }
             db.commit().await?;
             Ok(snapshot)
@@ -357,6 +400,31 @@ impl Store for SqliteStore {
                 Ok((rect(row)?, result.into()))
             };
             rows.iter().map(part).collect()
+        }
+        .boxed()
+    }
+
+    fn attempts(&self, query: AttemptQuery) -> Answer<Vec<(u64, AttemptView)>> {
+        let pool = self.readers.clone();
+        async move {
+            let AttemptQuery { job, frame, tile, outcome, before, limit } = query;
+            let rows = sqlx::query(
+                "SELECT number, record FROM attempts WHERE job = ?1 AND number < ?2 AND (?3 IS NULL OR frame = ?3)
+                 AND (?4 IS NULL OR tile = ?4) AND (?5 IS NULL OR outcome = ?5) ORDER BY number DESC LIMIT ?6",
+            )
+            .bind(job.0 as i64)
+            .bind(before.map_or(i64::MAX, |before| i64::try_from(before).unwrap_or(i64::MAX)))
+            .bind(frame)
+            .bind(tile)
+            .bind(outcome.map(Outcome::name))
+            .bind(limit as i64)
+            .fetch_all(&pool)
+            .await?;
+            let attempt = |row: &SqliteRow| {
+                let number: i64 = row.try_get("number")?;
+                Ok((number as u64, parse(row, "record")?))
+            };
+            rows.iter().map(attempt).collect()
         }
         .boxed()
     }

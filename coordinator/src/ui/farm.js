@@ -8,7 +8,7 @@ export function farmView(main) {
   const facts = make("p", { role: "status" });
   const images = Object.entries(CHARTS).map(([name, words]) => make("img", { className: "chart", "data-chart": name, alt: `Chart of the last hour: ${words}`, width: 800, height: 500 }));
   main.append(make("h2", { textContent: "Farm" }), facts, make("div", { className: "charts" }, ...images),
-    make("p", { className: "quiet" }, "For longer than an hour: ", make("a", { href: "metrics", textContent: "metrics for Prometheus" }), "."));
+    make("p", { className: "quiet" }, "They go on through restarts of the coordinator. For longer than an hour: ", make("a", { href: "metrics", textContent: "metrics for Prometheus" }), "."));
   async function draw() {
     if (document.hidden) return;
     try {

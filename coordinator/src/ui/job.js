@@ -3,6 +3,8 @@
 import { API, attribute, duration, error, make, number, percent, set, show, target, text, throttled } from "./dom.js";
 import { actions, facts, lookedAt } from "./jobs.js";
 import { jobs, on } from "./store.js";
+import { attemptLog } from "./attempts.js";
+import { planOf } from "./plan.js";
 import { strip } from "./frames.js";
 import { viewer } from "./viewer.js";
 
@@ -90,7 +92,8 @@ function open(first) {
   const failures = make("section", { "aria-labelledby": "failures-title" },
     make("h3", { id: "failures-title", textContent: "Attempts and failures" }));
   const attempts = make("div");
-  failures.append(attempts);
+  const log = attemptLog(id);
+  failures.append(attempts, log.node);
   const node = make("article", {},
     make("p", {}, make("a", { href: "#/jobs", textContent: "← all jobs" })),
     make("div", { className: "row" }, title, state, box), bar, said, picture,
@@ -180,21 +183,13 @@ function open(first) {
     });
   }
 
-  /** The plan as the report has it: names with values, lists, and reasons, however deep. */
-  function written(value) {
-    if (Array.isArray(value)) return make("ul", {}, ...value.map((inner) => make("li", {}, written(inner))));
-    if (value && typeof value === "object") {
-      return make("dl", {}, ...Object.entries(value).flatMap(([name, inner]) => [make("dt", { textContent: name.replaceAll("_", " ") }), make("dd", {}, written(inner))]));
-    }
-    return document.createTextNode(String(value));
-  }
   let planned = "";
   function drawPlan() {
     const now = JSON.stringify(job.plan ?? null);
     if (now === planned) return;
     planned = now;
     plan.hidden = !job.plan;
-    if (job.plan) plan.replaceChildren(plan.firstChild, written(job.plan));
+    if (job.plan) plan.replaceChildren(plan.firstChild, ...planOf(job.plan));
   }
 
   let before = null;
@@ -215,7 +210,7 @@ function open(first) {
       drawPlan();
       frames.update(job);
       if (followed && lookedAt(job).frame !== frame && job.frames.length > 1) look(lookedAt(job).frame);
-      if (!before || before.samples !== job.samples || before.status !== job.status) { charted(); tiled(); }
+      if (!before || before.samples !== job.samples || before.status !== job.status) { charted(); tiled(); log.refresh(); }
       if (before && (before.statistics.retries !== job.statistics.retries || before.status !== job.status)) failing();
       before = job;
     },
@@ -225,7 +220,7 @@ function open(first) {
       tiled();
     },
     /** The coordinator is back: tiles may have gone on unheard. */
-    back() { screen.again(); charted(); tiled(); failing(); },
+    back() { screen.again(); charted(); tiled(); failing(); log.refresh(); },
     close() { frames.stop(); screen.close(); },
   };
 }

@@ -84,6 +84,31 @@ async function persist(what, request) {
   }
 }
 
+/** A mesh by itself makes a scene, too: the workers make it. */
+const MESH = /\.(obj|ply)$/i;
+
+/** Send a file; its hash. */
+async function send(path, file) {
+  text(byId("submit-said"), `sending ${path} …`);
+  const answer = await persist(`sending ${path}`, () => fetch(`${API}/assets`, { method: "POST", body: file }));
+  if (!answer.ok) throw new Error(`${path}: ${await reason(answer)}`);
+  return (await answer.json()).hash;
+}
+
+/** The mesh among the files, with all of them uploaded by their paths from its folder. */
+async function mesh() {
+  const meshes = [...files.keys()].filter((path) => MESH.test(path));
+  if (!meshes.length) {
+    throw new Error("there is no scene among these: expected a Tessera scene (JSON with a field \"tessera\"), or a mesh (.obj or .ply)");
+  }
+  if (meshes.length > 1) {
+    throw new Error(`several meshes: ${meshes.join(", ")}; submit one at a time, or a scene file that names them`);
+  }
+  const root = folder(meshes[0]), assets = {};
+  for (const [path, file] of files) assets[path.startsWith(root) ? path.slice(root.length) : base(path)] = await send(path, file);
+  return { import: base(meshes[0]), assets };
+}
+
 /** The scene among the files with all of them uploaded, ready to be submitted. */
 async function uploaded() {
   let scene = null, place = "";
@@ -96,7 +121,7 @@ async function uploaded() {
       [scene, place] = [value, path];
     }
   }
-  if (!scene) throw new Error("there is no native scene file among these (JSON with a field \"tessera\")");
+  if (!scene) return mesh();
   const root = folder(place), wanted = [...named(scene)];
   // Files keep the path that they have from the scene; dropped without folders, they take the place that the scene names,
   // and what the scene does not name lies beside the first file that it does.
@@ -109,10 +134,7 @@ async function uploaded() {
   const assets = { ...scene.assets };
   for (const [path, file] of files) {
     if (path === place) continue;
-    text(byId("submit-said"), `sending ${path} …`);
-    const answer = await persist(`sending ${path}`, () => fetch(`${API}/assets`, { method: "POST", body: file }));
-    if (!answer.ok) throw new Error(`${path}: ${await reason(answer)}`);
-    assets[placeOf(path)] = (await answer.json()).hash;
+    assets[placeOf(path)] = await send(path, file);
   }
   const lacking = wanted.filter((name) => !(name in assets));
   if (lacking.length) throw new Error(`the scene names files that are not here: ${lacking.join(", ")}`);

@@ -31,6 +31,11 @@ pub fn scene() -> Value {
     })
 }
 
+/// A job of that scene: twelve tiles of 64 samples.
+pub fn fixed() -> Value {
+    json!({ "scene": scene(), "tile": 32, "quality": { "target": "samples", "samples": 64 } })
+}
+
 /// An answer, read whole.
 #[derive(Debug)]
 pub struct Answer {
@@ -57,6 +62,13 @@ impl Answer {
         let body: common::protocol::ErrorBody = self.read();
         (body.error.code, body.error.message, body.error.field)
     }
+}
+
+/// A coordinator in a folder of its own.
+pub async fn fresh() -> (tempfile::TempDir, App) {
+    let folder = tempfile::tempdir().unwrap();
+    let app = open(folder.path()).await;
+    (folder, app)
 }
 
 /// Open a data folder; one that a coordinator was dropped on is free when its last task has gone.

@@ -20,6 +20,7 @@ macro_rules! checks {
 
 checks! {
     a_dropped_scene_is_rendered_before_the_eyes,
+    a_mesh_is_dropped_with_its_files,
     jobs_are_steered,
     a_worker_that_is_killed_is_seen_to_go,
     a_coordinator_that_goes_away_is_said_so_and_comes_back,
@@ -148,11 +149,64 @@ async fn a_dropped_scene_is_rendered_before_the_eyes(page: Page) {
         .await;
     page.until(&format!("Number(document.querySelector('.stage').dataset.zoom) > {zoom}")).await;
 
+    // Each attempt at a unit is told.
+    page.press(".log summary").await;
+    page.says("#attempts", "done").await;
+    page.run(
+        "const s = document.querySelector('.log select'); s.value = 'hung'; s.dispatchEvent(new Event('change'))",
+        vec![],
+    )
+    .await;
+    page.says(".log [role=status]", "No attempt is like that").await;
+
     // A finer target takes it on.
     page.press("[data-act=continue]").await;
     page.press("#finer-go").await;
     page.says("#sheet-title + dl", "1024 samples a pixel").await;
     drop(worker);
+}
+
+/// Other formats than Tessera's own, the mesh's materials with it, folders or not.
+async fn a_mesh_is_dropped_with_its_files(page: Page) {
+    let farm = Farm::start().await;
+    let _worker = farm.worker("importer");
+    page.goto(&farm.url("jobs")).await;
+    page.says("#link", "live").await;
+    let mesh = "mtllib materials/m.mtl\nv -1 0 0\nv 1 0 0\nv 0 1.5 0\nusemtl red\nf 1 2 3\n".to_owned();
+    drop_files(&page, &[("notes.txt", "no scene".into())]).await;
+    page.says("#chosen", "notes.txt").await;
+    page.press("#submit-go").await;
+    page.says("#submit-said", "a mesh (.obj or .ply)").await;
+    page.press("#chosen button").await;
+    drop_files(&page, &[("a.obj", mesh.clone()), ("b.ply", "ply".into())]).await;
+    page.says("#chosen", "b.ply").await;
+    page.press("#submit-go").await;
+    page.says("#submit-said", "several meshes: a.obj, b.ply").await;
+    page.press("#chosen li:nth-child(2) button").await;
+    drop_files(&page, &[("m.mtl", "newmtl red\nKd 0.9 0.01 0.01\n".into())]).await;
+    page.says("#chosen", "m.mtl").await;
+    page.run("document.getElementById('width').value = document.getElementById('height').value = 64", vec![]).await;
+    page.press("#submit [value=samples]").await;
+    page.run("document.getElementById('samples').value = 16", vec![]).await;
+    page.press("#submit-go").await;
+    page.says("h2", "a.obj (j1)").await;
+    page.says("article .state", "completed").await;
+    // The material came along: what is seen of the mesh is red.
+    let reddest = "const i = new Image(); i.src = arguments[0]; await i.decode(); const c = document.createElement('canvas'); \
+                   c.width = i.width; c.height = i.height; const g = c.getContext('2d'); g.drawImage(i, 0, 0); \
+                   const d = g.getImageData(0, 0, c.width, c.height).data; let most = 0; \
+                   for (let k = 0; k < d.length; k += 4) most = Math.max(most, d[k] - d[k + 1]); window.reddest = most;";
+    let url = format!("{}/api/v1/jobs/j1/frames/1/image.png", farm.coordinator.url);
+    page.run(&format!("(async (...arguments) => {{ {reddest} }})(arguments[0])"), vec![json!(url)]).await;
+    page.until("window.reddest > 60").await;
+
+    // One that cannot be read is a job that says why.
+    page.goto(&farm.url("jobs")).await;
+    drop_files(&page, &[("bad.obj", "v 0 0 0\nf 1 2 3\n".into())]).await;
+    page.says("#chosen", "bad.obj").await;
+    page.press("#submit-go").await;
+    page.says("article .state", "failed").await;
+    page.says(".facts", "bad.obj: line 2").await;
 }
 
 async fn jobs_are_steered(page: Page) {
@@ -231,6 +285,8 @@ async fn a_worker_that_is_killed_is_seen_to_go(page: Page) {
     // What it held is a failed attempt that the job's page tells of.
     page.goto(&farm.url("job/j1")).await;
     page.says("#failures-title ~ div", "the worker fell silent").await;
+    page.press(".log summary").await;
+    page.says("#attempts", "lost").await;
 
     let _second = farm.worker("second");
     page.goto(&farm.url("workers")).await;
@@ -371,6 +427,9 @@ async fn pages_fit_and_can_be_read_by_all(page: Page) {
     page.until("Number(document.querySelector('.stage')?.dataset.tiles) > 40").await;
     page.shoot("job-growing").await;
     page.says("article .state", "completed").await;
+    // The method was left open: what was tried, what was chosen, and what the scene has not.
+    page.says("section[aria-labelledby=plan-title]", "methods tried").await;
+    page.says("section[aria-labelledby=plan-title] dl", "opacity masks").await;
     for (scheme, width, height) in
         [("light", 1600, 1000), ("dark", 1600, 1000), ("light", 400, 860), ("dark", 400, 860)]
     {
@@ -386,6 +445,19 @@ async fn pages_fit_and_can_be_read_by_all(page: Page) {
             }
             let name = format!("{}-{scheme}-{width}", view.replace("/j1", ""));
             page.shoot(&name).await;
+            if ["job/j1", "farm"].contains(&view) {
+                // Charts are drawn for the colours that the reader prefers.
+                let paper = page.run(PAPER, vec![]).await.as_i64().unwrap();
+                assert!(if scheme == "dark" { paper < 64 } else { paper > 240 }, "{name}: {paper}");
+            }
+            if view == "job/j1" {
+                page.press(".log summary").await;
+                page.says("#attempts", "done").await;
+                page.run("document.getElementById('chart-title').scrollIntoView()", vec![]).await;
+                page.shoot(&format!("{name}-figures")).await;
+                page.run("document.getElementById('failures-title').scrollIntoView()", vec![]).await;
+                page.shoot(&format!("{name}-log")).await;
+            }
             let wide =
                 page.run("return document.scrollingElement.scrollWidth - innerWidth", vec![]).await.as_i64().unwrap();
             assert!(wide <= 0, "{name}: {wide} pixels too wide");
@@ -411,6 +483,10 @@ async fn pages_fit_and_can_be_read_by_all(page: Page) {
                    .filter((e) => e.checkVisibility() && e.tabIndex < 0).length";
     page.until(&format!("{reached} === 0")).await;
 }
+
+/// How light a chart's paper is, 0 to 255.
+const PAPER: &str = "const c = document.createElement('canvas'), g = c.getContext('2d'); c.width = c.height = 1; \
+                     g.drawImage(document.querySelector('.chart'), 2, 2, 1, 1, 0, 0, 1, 1); return g.getImageData(0, 0, 1, 1).data[1]";
 
 /// Everything that can be pressed or seen as a picture has a name, and every page a heading and a main part.
 async fn nameless(page: &Page, view: &str) {
