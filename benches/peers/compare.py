@@ -25,6 +25,8 @@ SCENES = ["a-cornell", "b-cbspheres", "c-veach-mis", "d-meshlight", "e-mesh1m"]
 
 
 class Tessera:
+    """With the method that `options` name; without any, with multiple importance sampling."""
+
     def __init__(self, binary, path, folder, options=()):
         self.command = [binary, "bench", "render", path, "--runs", "1", "--json", *options]
         self.file = os.path.join(folder, "tessera.pfm")
@@ -43,6 +45,16 @@ class Tessera:
             assert float(f.readline()) < 0
             image = np.frombuffer(f.read(), "<f4").reshape(height, width, 3)[::-1]
         return image, json.loads(done.stdout)["median"]["cpu_seconds"]
+
+
+def planned(binary, path):
+    """The options of what `tessera plan` chooses, as `tessera render` would."""
+    done = subprocess.run([binary, "plan", path, "--json"], capture_output=True, text=True, check=True)
+    plan = json.loads(done.stdout)
+    names = ["direct", "light_pick", "light_sampling", "light_samples", "splits", "roulette"]
+    chosen = [(name, plan["method"].get(name)) for name in names]
+    options = [word for name, value in chosen if value is not None for word in ("--" + name.replace("_", "-"), str(value))]
+    return plan["chosen"], options
 
 
 def reference(folder, name, path, samples, parts):
@@ -95,7 +107,11 @@ def main():
         for name in a.scenes:
             path = os.path.join(ROOT, "scenes/bench", name + ".json")
             parts = reference(a.references, name, path, a.reference_samples, a.reference_parts)
-            renderers = {"Tessera": Tessera(a.binary, path, folder, a.options.split())}
+            chosen, options = planned(a.binary, path)
+            renderers = {
+                "Tessera": Tessera(a.binary, path, folder, a.options.split()),
+                f"Tessera, planned: {chosen}": Tessera(a.binary, path, folder, options),
+            }
             if not a.without_mitsuba:
                 renderers["Mitsuba llvm, multijitter"] = Mitsuba(path, "multijitter")
                 renderers["Mitsuba llvm, independent"] = Mitsuba(path, "independent")

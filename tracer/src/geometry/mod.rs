@@ -44,6 +44,7 @@ pub(crate) use few::{Found, Rays, Spared};
 pub use offset::{spawn, spawn_to};
 pub use ray::{Counters, Hit, Ray};
 pub use simd::InstructionSet;
+pub(crate) use simd::prefetch;
 pub use surface::SurfacePoint;
 
 /// Triangles over shared positions.

@@ -12,7 +12,6 @@ mod delta;
 mod emitter;
 mod environment;
 mod lamp;
-mod lanes;
 mod sphere_cone;
 mod spherical_rectangle;
 mod spherical_triangle;

@@ -11,10 +11,11 @@
 //! a scene is measured in cancels. (A clamp that compares a square with a length, as is often written,
 //! makes the choice depend on that unit: `textbook::mixed_importance`.)
 
-use super::{cone::Cone, lanes::Lanes};
+use super::cone::Cone;
 use crate::{
-    lanes::stage,
-    math::{DVec3, Vec3},
+    geometry::prefetch,
+    lanes::{self, stage},
+    math::{DVec3, Vec3, select},
 };
 
 /// Bins a range of centroids is sorted into, each axis.
@@ -94,40 +95,87 @@ impl Walk {
         Self { p, n, u, at: 0, probability: 1.0, done: false, found: None }
     }
 
+    /// To the child of `node` that the number chooses, by how much each matters. Whether that was the end.
+    #[inline(always)]
+    fn go(&mut self, node: &Node, importance: &[f32; WIDTH]) -> bool {
+        self.done = true;
+        let Some(shares) = shares(importance) else { return true };
+        let share = shares.map(f64::from);
+        let edges = [0.0, share[0], share[0] + share[1], share[0] + share[1] + share[2]];
+        let mut chosen = edges[1..].iter().map(|&edge| usize::from(self.u >= edge)).sum::<usize>();
+        if shares[chosen] == 0.0 {
+            // The shares add up to 1 but for rounding, which is the last one's.
+            match shares.iter().rposition(|&share| share > 0.0) {
+                Some(last) => chosen = last,
+                None => return true,
+            }
+        }
+        self.probability *= shares[chosen];
+        self.u = ((self.u - edges[chosen]) / share[chosen]).min(1.0 - f64::EPSILON);
+        self.at = node.index[chosen];
+        self.done = self.at & LEAF != 0;
+        if self.done {
+            self.found = Some((self.at & !LEAF, self.probability));
+        }
+        self.done
+    }
+
     /// One that goes nowhere.
     pub(super) const NONE: Self =
         Self { p: Vec3::ZERO, n: Vec3::ZERO, u: 0.0, at: 0, probability: 0.0, done: true, found: None };
 }
 
 stage! {
-    /// [`LightTree::sample`] for many at once, a level at a time: one walk waits for memory and for its own
-    /// arithmetic at every node, many fill each other's gaps.
+    /// [`LightTree::sample`] for up to 64 at once, a level at a time and [`TOGETHER`] in one vector: one walk waits for
+    /// memory and for its own arithmetic at every node, many fill each other's gaps.
     pub(super) fn sample_all(tree: &LightTree, walks: &mut [Walk]) {
-        let mut going = walks.len();
-        while going > 0 {
-            going = 0;
-            for walk in walks.iter_mut() {
-                going += usize::from(!walk.done && !tree.step(walk));
+        let (mut going, mut n) = ([0usize; lanes::WIDTH], 0);
+        for (i, _) in walks.iter().enumerate().filter(|(_, walk)| !walk.done).take(lanes::WIDTH) {
+            going[n] = i;
+            n += 1;
+        }
+        while n > 0 {
+            let mut left = 0;
+            for from in (0..n).step_by(TOGETHER) {
+                // The last few repeat one of them.
+                let ids: [usize; TOGETHER] = std::array::from_fn(|k| going[(from + k).min(n - 1)]);
+                let at = ids.map(|i| (&tree.nodes[walks[i].at as usize], walks[i].p * tree.scale, walks[i].n));
+                let mut importance = [[0.0; WIDTH]; TOGETHER];
+                importances(&at, &mut importance);
+                for k in 0..TOGETHER.min(n - from) {
+                    let walk = &mut walks[ids[k]];
+                    if !walk.go(at[k].0, &importance[k]) {
+                        going[left] = ids[k];
+                        left += 1;
+                        // There by the time that this walk has its next turn.
+                        prefetch(&tree.nodes[walk.at as usize]);
+                    }
+                }
             }
+            n = left;
         }
     }
 }
+
+/// Walks whose nodes are weighed at once: sixteen children.
+const TOGETHER: usize = 4;
 
 /// Children of a node.
 const WIDTH: usize = 4;
 /// Marks the index of a child that is a light.
 const LEAF: u32 = 1 << 31;
 
-/// Four children, a lane each. Those that are missing have no intensity.
+/// Four children, a lane each. Those that are missing have no intensity. Three cache lines.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 struct Node {
-    center: [Lanes; 3],
-    radius2: Lanes,
-    axis: [Lanes; 3],
-    cos_spread: Lanes,
-    sin_spread: Lanes,
+    center: [[f32; WIDTH]; 3],
+    radius2: [f32; WIDTH],
+    axis: [[f32; WIDTH]; 3],
+    cos_spread: [f32; WIDTH],
+    sin_spread: [f32; WIDTH],
     /// Share of the intensity of all.
-    intensity: Lanes,
+    intensity: [f32; WIDTH],
     /// Bits of a cosine to keep: without its sign where both sides shine.
     sides: [u32; WIDTH],
     /// A node, or with [`LEAF`] a light.
@@ -156,34 +204,12 @@ impl LightTree {
     #[inline]
     pub(super) fn sample(&self, p: Vec3, n: Vec3, u: f64) -> Option<(u32, f32)> {
         let mut walk = Walk::new(p, n, u);
-        while !self.step(&mut walk) {}
-        walk.found
-    }
-
-    /// One node further. Whether that was the end.
-    #[inline(always)]
-    fn step(&self, walk: &mut Walk) -> bool {
-        let node = &self.nodes[walk.at as usize];
-        walk.done = true;
-        let Some(shares) = node.shares(walk.p * self.scale, walk.n) else { return true };
-        let share = shares.map(f64::from);
-        let edges = [0.0, share[0], share[0] + share[1], share[0] + share[1] + share[2]];
-        let mut chosen = edges[1..].iter().map(|&edge| usize::from(walk.u >= edge)).sum::<usize>();
-        if shares[chosen] == 0.0 {
-            // The shares add up to 1 but for rounding, which is the last one's.
-            match shares.iter().rposition(|&share| share > 0.0) {
-                Some(last) => chosen = last,
-                None => return true,
+        loop {
+            let node = &self.nodes[walk.at as usize];
+            if walk.go(node, &node.importance(p * self.scale, n)) {
+                return walk.found;
             }
         }
-        walk.probability *= shares[chosen];
-        walk.u = ((walk.u - edges[chosen]) / share[chosen]).min(1.0 - f64::EPSILON);
-        walk.at = node.index[chosen];
-        walk.done = walk.at & LEAF != 0;
-        if walk.done {
-            walk.found = Some((walk.at & !LEAF, walk.probability));
-        }
-        walk.done
     }
 
     /// The probability with which [`LightTree::sample`] chooses `light`.
@@ -194,7 +220,7 @@ impl LightTree {
         let (mut at, mut probability) = (0, 1.0);
         loop {
             let node = &self.nodes[at];
-            let Some(shares) = node.shares(p, n) else { return 0.0 };
+            let Some(shares) = shares(&node.importance(p, n)) else { return 0.0 };
             let lane = (trail & 3) as usize;
             trail >>= 2;
             probability *= shares[lane];
@@ -217,69 +243,156 @@ pub fn group_importance(intensity: f32, distance2: f32, radius2: f32) -> f32 {
 
 impl Node {
     const EMPTY: Self = Self {
-        center: [Lanes::ZERO; 3],
-        radius2: Lanes::ZERO,
-        axis: [Lanes::ZERO; 3],
-        cos_spread: Lanes::ZERO,
-        sin_spread: Lanes::ZERO,
-        intensity: Lanes::ZERO,
+        center: [[0.0; WIDTH]; 3],
+        radius2: [0.0; WIDTH],
+        axis: [[0.0; WIDTH]; 3],
+        cos_spread: [0.0; WIDTH],
+        sin_spread: [0.0; WIDTH],
+        intensity: [0.0; WIDTH],
         sides: [u32::MAX; WIDTH],
         index: [LEAF; WIDTH],
     };
 
-    /// Probabilities of the children; `None` where none of them matters. None that matters gets none.
     #[inline(always)]
-    fn shares(&self, p: Vec3, n: Vec3) -> Option<[f32; WIDTH]> {
-        let importance = self.importance(p, n);
-        let sum = importance.sum();
-        if !(sum > 0.0 && sum < f32::INFINITY) {
-            return None;
+    fn child(&self, lane: usize) -> Child {
+        Child {
+            center: Vec3::new(self.center[0][lane], self.center[1][lane], self.center[2][lane]),
+            radius2: self.radius2[lane],
+            axis: Vec3::new(self.axis[0][lane], self.axis[1][lane], self.axis[2][lane]),
+            spread: (self.sin_spread[lane], self.cos_spread[lane]),
+            intensity: self.intensity[lane],
+            sides: self.sides[lane],
         }
-        // No share is so small that the walk's arithmetic could lose it.
-        let floor = Lanes::all(sum * f32::EPSILON);
-        let kept = Lanes::ZERO.at_least(importance, Lanes::ZERO, importance.max(floor));
-        Some((kept * Lanes::all(1.0 / kept.sum())).0)
     }
 
-    /// How much the lights below each child may matter at `p`: section 4.2 and equation 3. Not below 0.
+    /// How much the lights below each child may matter at `p`.
     #[inline(always)]
-    fn importance(&self, p: Vec3, n: Vec3) -> Lanes {
-        let one = Lanes::all(1.0);
-        let x = self.center[0] - Lanes::all(p.x);
-        let y = self.center[1] - Lanes::all(p.y);
-        let z = self.center[2] - Lanes::all(p.z);
+    fn importance(&self, p: Vec3, n: Vec3) -> [f32; WIDTH] {
+        let mut importance = [0.0; WIDTH];
+        for (lane, importance) in importance.iter_mut().enumerate() {
+            *importance = self.child(lane).importance(p, n);
+        }
+        importance
+    }
+}
+
+/// [`Node::importance`] of several nodes, each at its own place: one loop over all their children, so that it becomes
+/// code of vectors as long as there are.
+#[inline(always)]
+fn importances(at: &[(&Node, Vec3, Vec3); TOGETHER], importance: &mut [[f32; WIDTH]; TOGETHER]) {
+    // Row by row first: a loop that looked into the nodes would stay scalar.
+    let mut rows = [[[0.0; WIDTH]; TOGETHER]; 16];
+    let mut sides = [[0; WIDTH]; TOGETHER];
+    for (k, (node, p, n)) in at.iter().enumerate() {
+        let columns = [
+            node.center[0],
+            node.center[1],
+            node.center[2],
+            node.radius2,
+            node.axis[0],
+            node.axis[1],
+            node.axis[2],
+            node.sin_spread,
+            node.cos_spread,
+            node.intensity,
+            [p.x; WIDTH],
+            [p.y; WIDTH],
+            [p.z; WIDTH],
+            [n.x; WIDTH],
+            [n.y; WIDTH],
+            [n.z; WIDTH],
+        ];
+        for (row, column) in rows.iter_mut().zip(columns) {
+            row[k] = column;
+        }
+        sides[k] = node.sides;
+    }
+    let sides = sides.as_flattened();
+    let row = |r: usize, i: usize| rows[r].as_flattened()[i];
+    for (i, importance) in importance.as_flattened_mut().iter_mut().enumerate() {
+        let child = Child {
+            center: Vec3::new(row(0, i), row(1, i), row(2, i)),
+            radius2: row(3, i),
+            axis: Vec3::new(row(4, i), row(5, i), row(6, i)),
+            spread: (row(7, i), row(8, i)),
+            intensity: row(9, i),
+            sides: sides[i],
+        };
+        *importance = child
+            .importance(Vec3::new(row(10, i), row(11, i), row(12, i)), Vec3::new(row(13, i), row(14, i), row(15, i)));
+    }
+}
+
+/// Probabilities of a node's children; `None` where none of them matters. None that matters gets none.
+#[inline(always)]
+fn shares(importance: &[f32; WIDTH]) -> Option<[f32; WIDTH]> {
+    let total = |of: &[f32; WIDTH]| (of[0] + of[1]) + (of[2] + of[3]);
+    let sum = total(importance);
+    if !(sum > 0.0 && sum < f32::INFINITY) {
+        return None;
+    }
+    // No share is so small that the walk's arithmetic could lose it.
+    let floor = sum * f32::EPSILON;
+    let kept = importance.map(|i| select(0.0 >= i, 0.0, larger(i, floor)));
+    let scale = 1.0 / total(&kept);
+    Some(kept.map(|kept| kept * scale))
+}
+
+/// Some lights below a node.
+#[derive(Clone, Copy)]
+struct Child {
+    center: Vec3,
+    radius2: f32,
+    axis: Vec3,
+    /// Sine and cosine.
+    spread: (f32, f32),
+    intensity: f32,
+    sides: u32,
+}
+
+impl Child {
+    /// How much they may matter at `p`: section 4.2 and equation 3. Not below 0. Without branches.
+    #[inline(always)]
+    fn importance(&self, p: Vec3, n: Vec3) -> f32 {
+        let (x, y, z) = (self.center.x - p.x, self.center.y - p.y, self.center.z - p.z);
         let distance2 = x * x + y * y + z * z;
-        let least = self.radius2.max(Lanes::all(LEAST_DISTANCE2));
-        let inverse2 = distance2.max(least).reciprocal();
+        let least = larger(self.radius2, LEAST_DISTANCE2);
+        let inverse2 = 1.0 / larger(distance2, least);
         let inverse = inverse2.sqrt();
         // Half angle of the cone around the bounding sphere.
         let sin2_bounds = self.radius2 * inverse2;
         let bounds = (sin2_bounds.sqrt(), sine(sin2_bounds));
-        let cos_axis = -(x * self.axis[0] + y * self.axis[1] + z * self.axis[2]) * inverse;
-        let cos_axis = cos_axis.keep_bits(self.sides);
-        let facing = shrink((sine(cos_axis * cos_axis), cos_axis), (self.sin_spread, self.cos_spread));
-        let mut cosines = shrink(facing, bounds).1.max(Lanes::ZERO);
-        if n != Vec3::ZERO {
-            let cos = (x * Lanes::all(n.x) + y * Lanes::all(n.y) + z * Lanes::all(n.z)) * inverse;
-            cosines = cosines * shrink((sine(cos * cos), cos), bounds).1.max(Lanes::ZERO);
-        }
+        let cos_axis = -(x * self.axis.x + y * self.axis.y + z * self.axis.z) * inverse;
+        let cos_axis = f32::from_bits(cos_axis.to_bits() & self.sides);
+        let facing = shrink((sine(cos_axis * cos_axis), cos_axis), self.spread);
+        let emitted = larger(shrink(facing, bounds).1, 0.0);
+        let cos = (x * n.x + y * n.y + z * n.z) * inverse;
+        let received = emitted * larger(shrink((sine(cos * cos), cos), bounds).1, 0.0);
+        let anyhow = (n.x == 0.0) & (n.y == 0.0) & (n.z == 0.0);
+        let cosines = select(anyhow, emitted, received);
         // Inside the bounding sphere light may come from anywhere.
-        let cosines = least.at_least(distance2, one, cosines);
+        let cosines = select(least >= distance2, 1.0, cosines);
         self.intensity * inverse2 * cosines
     }
 }
 
+/// The greater; `b` where `a` is not a number.
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    select(a > b, a, b)
+}
+
 /// Sine from the square of the cosine, or the other way round.
 #[inline(always)]
-fn sine(cos2: Lanes) -> Lanes {
-    (Lanes::all(1.0) - cos2).max(Lanes::ZERO).sqrt()
+fn sine(cos2: f32) -> f32 {
+    larger(1.0 - cos2, 0.0).sqrt()
 }
 
 /// Sine and cosine of max(0, a - b), both angles within 0 to pi.
 #[inline(always)]
-fn shrink((sin_a, cos_a): (Lanes, Lanes), (sin_b, cos_b): (Lanes, Lanes)) -> (Lanes, Lanes) {
+fn shrink((sin_a, cos_a): (f32, f32), (sin_b, cos_b): (f32, f32)) -> (f32, f32) {
     let (sin, cos) = (sin_a * cos_b - cos_a * sin_b, cos_a * cos_b + sin_a * sin_b);
-    (cos_a.at_least(cos_b, Lanes::ZERO, sin), cos_a.at_least(cos_b, Lanes::all(1.0), cos))
+    (select(cos_a >= cos_b, 0.0, sin), select(cos_a >= cos_b, 1.0, cos))
 }
 
 struct Builder<'a> {
@@ -339,14 +452,14 @@ impl Builder<'_> {
         let spread = f64::from(bounds.cone.spread);
         let center = bounds.center() * self.tree.scale;
         for axis in 0..3 {
-            node.center[axis].0[lane] = center[axis];
-            node.axis[axis].0[lane] = bounds.cone.axis[axis];
+            node.center[axis][lane] = center[axis];
+            node.axis[axis][lane] = bounds.cone.axis[axis];
         }
         // A little more: the centre is rounded.
-        node.radius2.0[lane] = (half.length_squared() * (1.0 + 1e-6)) as f32;
-        node.cos_spread.0[lane] = libm::cos(spread) as f32;
-        node.sin_spread.0[lane] = libm::sin(spread) as f32;
-        node.intensity.0[lane] = (bounds.intensity / self.total) as f32;
+        node.radius2[lane] = (half.length_squared() * (1.0 + 1e-6)) as f32;
+        node.cos_spread[lane] = libm::cos(spread) as f32;
+        node.sin_spread[lane] = libm::sin(spread) as f32;
+        node.intensity[lane] = (bounds.intensity / self.total) as f32;
         node.sides[lane] = if bounds.two_sided { !(1 << 31) } else { u32::MAX };
         node.index[lane] = index;
     }

@@ -12,6 +12,15 @@ pub(super) use portable::Portable;
 #[cfg(target_arch = "x86_64")]
 pub(super) use x86::{Avx2, Avx512, Sse2};
 
+/// Ask for `place` to be in the nearest cache soon. Nothing else comes of it.
+#[inline(always)]
+pub(crate) fn prefetch<T>(place: &T) {
+    #[cfg(target_arch = "x86_64")]
+    x86::prefetch_lines(std::ptr::from_ref(place).cast(), size_of::<T>().div_ceil(64));
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = place;
+}
+
 /// Eight numbers, aligned for any load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(32))]

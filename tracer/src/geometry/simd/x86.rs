@@ -51,7 +51,7 @@ pub(in super::super) struct F8(__m256);
 pub(in super::super) struct F4x2(__m128, __m128);
 
 #[inline(always)]
-fn prefetch_lines(address: *const u8, lines: usize) {
+pub(super) fn prefetch_lines(address: *const u8, lines: usize) {
     for line in 0..lines {
         // SAFETY: a prefetch of any address is allowed; it never faults.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
