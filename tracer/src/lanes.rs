@@ -146,6 +146,11 @@ impl Proven {
         compiled.is_available().then_some(Self(compiled))
     }
 
+    /// The fastest one that this processor has.
+    pub fn detect() -> Self {
+        Self(Compiled::detect())
+    }
+
     pub fn compiled(self) -> Compiled {
         self.0
     }

@@ -59,16 +59,22 @@ pub struct Embree {
     occluded: Occluded,
 }
 
-/// Triangles in it, and the tree over them.
-pub struct Scene<'a> {
+/// Triangles that it may build over, and a device for that.
+pub struct Prepared<'a> {
     embree: &'a Embree,
     device: Handle,
+    /// Shared with the library: vertices, one after the other, and how many they are.
+    positions: Vec<f32>,
+    vertices: usize,
+    indices: Vec<[u32; 3]>,
+}
+
+/// Triangles, and the tree over them.
+pub struct Scene<'a> {
+    prepared: Prepared<'a>,
     scene: Handle,
     /// Bytes of the tree and what the library keeps beside it.
     pub bytes: usize,
-    /// Shared with the library.
-    _positions: Vec<f32>,
-    _indices: Vec<[u32; 3]>,
 }
 
 /// What a closest-hit query found.
@@ -118,49 +124,61 @@ impl Embree {
         }
     }
 
-    /// Build over a mesh, by `threads` threads, in the robust mode or the fast one.
-    pub fn scene(&self, mesh: &TriangleMesh, threads: usize, robust: bool) -> anyhow::Result<Scene<'_>> {
+    /// A device of `threads` threads, and copies of a mesh for it to share.
+    pub fn prepare(&self, mesh: &TriangleMesh, threads: usize) -> anyhow::Result<Prepared<'_>> {
         let configuration = CString::new(format!("threads={threads},user_threads=0,set_affinity=0"))?;
         // Each vertex is read by 16 bytes.
         let mut positions: Vec<f32> = mesh.positions.iter().flat_map(|p| p.to_array()).collect();
         positions.extend([0.0; 4]);
-        let indices = mesh.triangles.clone();
-        // SAFETY: the types are those of Embree 4's header; the buffers outlive the scene, which shares them, and
-        // are as long as told.
-        unsafe {
+        // SAFETY: the types are those of Embree 4's header.
+        let device = unsafe {
             let new_device: unsafe extern "C" fn(*const c_char) -> Handle = self.function(c"rtcNewDevice")?;
             let set_monitor: unsafe extern "C" fn(Handle, unsafe extern "C" fn(Handle, isize, bool) -> bool, Handle) =
                 self.function(c"rtcSetDeviceMemoryMonitorFunction")?;
-            let new_scene: unsafe extern "C" fn(Handle) -> Handle = self.function(c"rtcNewScene")?;
-            let quality: unsafe extern "C" fn(Handle, c_int) = self.function(c"rtcSetSceneBuildQuality")?;
-            let flags: unsafe extern "C" fn(Handle, c_int) = self.function(c"rtcSetSceneFlags")?;
-            let new_geometry: unsafe extern "C" fn(Handle, c_int) -> Handle = self.function(c"rtcNewGeometry")?;
-            let share: unsafe extern "C" fn(Handle, c_int, u32, c_int, *const c_void, usize, usize, usize) =
-                self.function(c"rtcSetSharedGeometryBuffer")?;
-            let commit_geometry: unsafe extern "C" fn(Handle) = self.function(c"rtcCommitGeometry")?;
-            let attach: unsafe extern "C" fn(Handle, Handle) -> u32 = self.function(c"rtcAttachGeometry")?;
-            let release_geometry: unsafe extern "C" fn(Handle) = self.function(c"rtcReleaseGeometry")?;
-            let commit: unsafe extern "C" fn(Handle) = self.function(c"rtcCommitScene")?;
-            let error: unsafe extern "C" fn(Handle) -> c_int = self.function(c"rtcGetDeviceError")?;
-
             let device = new_device(configuration.as_ptr());
             ensure!(!device.is_null(), "Embree gives no device");
-            BYTES.store(0, Ordering::Relaxed);
             set_monitor(device, monitor, null_mut());
-            let scene = new_scene(device);
+            device
+        };
+        let (vertices, indices) = (mesh.positions.len(), mesh.triangles.clone());
+        Ok(Prepared { embree: self, device, positions, vertices, indices })
+    }
+}
+
+impl<'a> Prepared<'a> {
+    /// Build the tree, for the robust mode or the fast one.
+    pub fn build(self, robust: bool) -> anyhow::Result<Scene<'a>> {
+        let embree = self.embree;
+        // SAFETY: the types are those of Embree 4's header; the buffers outlive the scene, which shares them, and
+        // are as long as told.
+        unsafe {
+            let new_scene: unsafe extern "C" fn(Handle) -> Handle = embree.function(c"rtcNewScene")?;
+            let quality: unsafe extern "C" fn(Handle, c_int) = embree.function(c"rtcSetSceneBuildQuality")?;
+            let flags: unsafe extern "C" fn(Handle, c_int) = embree.function(c"rtcSetSceneFlags")?;
+            let new_geometry: unsafe extern "C" fn(Handle, c_int) -> Handle = embree.function(c"rtcNewGeometry")?;
+            let share: unsafe extern "C" fn(Handle, c_int, u32, c_int, *const c_void, usize, usize, usize) =
+                embree.function(c"rtcSetSharedGeometryBuffer")?;
+            let commit_geometry: unsafe extern "C" fn(Handle) = embree.function(c"rtcCommitGeometry")?;
+            let attach: unsafe extern "C" fn(Handle, Handle) -> u32 = embree.function(c"rtcAttachGeometry")?;
+            let release_geometry: unsafe extern "C" fn(Handle) = embree.function(c"rtcReleaseGeometry")?;
+            let commit: unsafe extern "C" fn(Handle) = embree.function(c"rtcCommitScene")?;
+            let error: unsafe extern "C" fn(Handle) -> c_int = embree.function(c"rtcGetDeviceError")?;
+
+            BYTES.store(0, Ordering::Relaxed);
+            let scene = new_scene(self.device);
             quality(scene, MEDIUM_QUALITY);
             flags(scene, if robust { ROBUST } else { 0 });
-            let geometry = new_geometry(device, TRIANGLES);
-            share(geometry, VERTICES, 0, FLOAT3, positions.as_ptr().cast(), 0, 12, mesh.positions.len());
-            share(geometry, INDICES, 0, UINT3, indices.as_ptr().cast(), 0, 12, indices.len());
+            let geometry = new_geometry(self.device, TRIANGLES);
+            share(geometry, VERTICES, 0, FLOAT3, self.positions.as_ptr().cast(), 0, 12, self.vertices);
+            share(geometry, INDICES, 0, UINT3, self.indices.as_ptr().cast(), 0, 12, self.indices.len());
             commit_geometry(geometry);
             attach(scene, geometry);
             release_geometry(geometry);
             commit(scene);
-            let code = error(device);
+            let code = error(self.device);
             ensure!(code == 0, "Embree's error {code}");
             let bytes = BYTES.load(Ordering::Relaxed).max(0) as usize;
-            Ok(Scene { embree: self, device, scene, bytes, _positions: positions, _indices: indices })
+            Ok(Scene { prepared: self, scene, bytes })
         }
     }
 }
@@ -192,7 +210,7 @@ impl Scene<'_> {
             instances: [NONE; 9],
         };
         // SAFETY: the scene is committed, and the query is one of Embree's, with room behind it.
-        unsafe { (self.embree.intersect)(self.scene, &raw mut query, null_mut()) };
+        unsafe { (self.prepared.embree.intersect)(self.scene, &raw mut query, null_mut()) };
         (query.geometry != NONE).then_some(Found { t: query.ray.far, primitive: query.primitive })
     }
 
@@ -200,20 +218,31 @@ impl Scene<'_> {
     pub fn occluded(&self, ray: &Ray) -> bool {
         let mut query = Self::ray(ray);
         // SAFETY: the scene is committed, and the query is one of Embree's.
-        unsafe { (self.embree.occluded)(self.scene, &raw mut query, null_mut()) };
+        unsafe { (self.prepared.embree.occluded)(self.scene, &raw mut query, null_mut()) };
         query.far < 0.0
     }
 }
 
 impl Drop for Scene<'_> {
     fn drop(&mut self) {
-        // SAFETY: the types are those of Embree 4's header; each is released once.
+        // SAFETY: the type is that of Embree 4's header; the scene is released once, before its device.
         unsafe {
-            let scene: anyhow::Result<unsafe extern "C" fn(Handle)> = self.embree.function(c"rtcReleaseScene");
-            let device: anyhow::Result<unsafe extern "C" fn(Handle)> = self.embree.function(c"rtcReleaseDevice");
-            if let (Ok(release_scene), Ok(release_device)) = (scene, device) {
-                release_scene(self.scene);
-                release_device(self.device);
+            let release: anyhow::Result<unsafe extern "C" fn(Handle)> =
+                self.prepared.embree.function(c"rtcReleaseScene");
+            if let Ok(release) = release {
+                release(self.scene);
+            }
+        }
+    }
+}
+
+impl Drop for Prepared<'_> {
+    fn drop(&mut self) {
+        // SAFETY: the type is that of Embree 4's header; the device is released once.
+        unsafe {
+            let release: anyhow::Result<unsafe extern "C" fn(Handle)> = self.embree.function(c"rtcReleaseDevice");
+            if let Ok(release) = release {
+                release(self.device);
             }
         }
     }

@@ -87,8 +87,9 @@ fn measure(scene: &Scene, embree: &Embree, options: &Options, report: &mut Repor
             ours.push(since(started));
             our_bytes = accel.bytes();
             drop(accel);
+            let prepared = embree.prepare(&scene.mesh, threads)?;
             let started = start();
-            let built = embree.scene(&scene.mesh, threads, true)?;
+            let built = prepared.build(true)?;
             theirs.push(since(started));
             their_bytes = built.bytes;
         }
@@ -110,7 +111,8 @@ fn measure(scene: &Scene, embree: &Embree, options: &Options, report: &mut Repor
     let accel = Accel::build(world(scene), TriangleTest::Watertight);
     let sse = Build { instructions: InstructionSet::Sse2, ..Build::default() };
     let sse = Accel::build_with(world(scene), sse);
-    let (robust, fast) = (embree.scene(&scene.mesh, 1, true)?, embree.scene(&scene.mesh, 1, false)?);
+    let robust = embree.prepare(&scene.mesh, 1)?.build(true)?;
+    let fast = embree.prepare(&scene.mesh, 1)?.build(false)?;
     for set in ray_sets(scene, &accel) {
         let mut times: [Vec<f64>; 4] = Default::default();
         for _ in 0..options.repetitions {

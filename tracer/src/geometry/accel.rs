@@ -4,6 +4,8 @@
 //! parameter means the same in both. Points on instances carry that rounding in their error bound
 //! ([`super::surface`]), so that a ray that leaves such a point does not meet its own surface there either.
 
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -15,6 +17,7 @@ use super::{
     },
     disk,
     few::{self, Few, FewRays, Found, Rays, Spared},
+    pages,
     simd::{Portable, Proof},
     sphere, surface, textbook,
     triangle::{self, RayFrame},
@@ -226,8 +229,8 @@ impl Accel {
         true
     }
 
-    /// The nearest hit of a ray.
-    #[inline]
+    /// The nearest hit of a ray. Not inlined, here and below: what is compiled in this crate is as fast for every caller.
+    #[inline(never)]
     #[must_use]
     pub fn closest(&self, ray: &Ray, counters: &mut Counters) -> Option<Hit> {
         counters.rays += 1;
@@ -237,7 +240,7 @@ impl Accel {
     }
 
     /// Whether anything is hit: `closest(..).is_some()`, sooner.
-    #[inline]
+    #[inline(never)]
     #[must_use]
     pub fn occluded(&self, ray: &Ray, counters: &mut Counters) -> bool {
         counters.rays += 1;
@@ -274,6 +277,7 @@ impl Accel {
         }
     }
 
+    #[inline(always)]
     fn hit(&self, nearest: &Nearest) -> Hit {
         let group = match self.instances.get((nearest.rank as usize).wrapping_sub(1)) {
             Some(placed) => &self.objects[placed.object as usize],
@@ -425,14 +429,22 @@ impl Group {
             match shape {
                 Shape::Mesh(mesh) => {
                     let n = mesh.triangles.len().min(room);
-                    let good: Vec<Ref> = (0..n)
-                        .into_par_iter()
-                        .filter_map(|k| {
-                            let corners = mesh.corners(k)?;
-                            let id = (count + k) as u32;
-                            triangle::is_usable(corners).then(|| Ref::new(&Bounds::of(&corners), id, Kind::Triangle))
-                        })
-                        .collect();
+                    // Hardly ever is one left out: all are made in place, and the list is made shorter only then.
+                    let bad = AtomicBool::new(false);
+                    let each = (0..n).into_par_iter().map(|k| {
+                        let corners = mesh.corners(k).filter(|&corners| triangle::is_usable(corners));
+                        corners.map_or_else(
+                            || {
+                                bad.store(true, Relaxed);
+                                Ref::NONE
+                            },
+                            |corners| Ref::new(&Bounds::of(&corners), (count + k) as u32, Kind::Triangle),
+                        )
+                    });
+                    let mut good = pages::collect(each);
+                    if bad.into_inner() {
+                        good.retain(Ref::is_some);
+                    }
                     dropped += mesh.triangles.len() - good.len();
                     if refs.is_empty() {
                         refs = good;

@@ -68,19 +68,22 @@ impl RayFrame {
         let y_first = usize::from(a[0] <= a[1]);
         let larger = if a[0] > a[1] { a[0] } else { a[1] };
         let kz = if larger > a[2] { y_first } else { 2 };
-        let [kx, ky] = [[1, 2], [2, 0], [0, 1]][kz];
         // A sum is not finite as soon as one of its terms is not.
         let sum = (a[0] + a[1] + a[2]) * 0.0 + (o[0] * 0.0 + o[1] * 0.0 + o[2] * 0.0);
-        let axes = [kx, ky, kz];
-        let direction = axes.map(|k| d[k]);
+        // x follows z, y follows x. Rows of four, so that no index needs a check.
+        static AXES: [[u8; 4]; 4] = [[1, 2, 0, 0], [2, 0, 1, 0], [0, 1, 2, 0], [0, 1, 2, 0]];
+        let [kx, ky, ..] = AXES[kz & 3];
+        let axes = [usize::from(kx & 3), usize::from(ky & 3), kz & 3];
+        let (o, d) = ([o[0], o[1], o[2], 0.0], [d[0], d[1], d[2], 0.0]);
+        let direction = [d[axes[0]], d[axes[1]], d[axes[2]]];
         if sum != 0.0 || direction[2] == 0.0 {
             return None;
         }
         Some(Self {
             axes,
-            origin: axes.map(|k| o[k]),
+            origin: [o[axes[0]], o[axes[1]], o[axes[2]]],
             direction,
-            reciprocal: direction.map(|x| 1.0 / x),
+            reciprocal: [1.0 / direction[0], 1.0 / direction[1], 1.0 / direction[2]],
             shear: [direction[0] / direction[2], direction[1] / direction[2]],
         })
     }
@@ -294,7 +297,7 @@ impl<I: Isa> WideFrame<I> {
         pack: &Pack,
         t_far: I::F,
         any: bool,
-        moved: &mut [Row; 9],
+        moved: &mut [I::F; 9],
     ) -> (u32, u32) {
         let [kx, ky, kz] = f.axes;
         // SAFETY: the axes are a permutation of 0..3, so every row is below 9.
@@ -360,9 +363,7 @@ impl<I: Isa> WideFrame<I> {
                 }
             }
         }
-        for (row, lanes) in moved.iter_mut().zip([x0, x1, x2, y0, y1, y2, z0, z1, z2]) {
-            lanes.store(row);
-        }
+        *moved = [x0, x1, x2, y0, y1, y2, z0, z1, z2];
         (maybe, sure)
     }
 }

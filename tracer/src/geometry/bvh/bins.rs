@@ -1,58 +1,74 @@
-//! Boxes in four lanes, and the bins of the surface area heuristic.
+//! Boxes in eight lanes, and the bins of the surface area heuristic.
 
 use super::Ref;
+use crate::lanes::stage;
 
-/// Bins along each axis.
+/// Most bins along an axis.
 pub(super) const BINS: usize = 16;
 
-/// A box; the fourth lane is not used.
+/// A box: its smallest coordinates, and its largest ones with the other sign, so that joining two boxes is one
+/// minimum. The fourth lane of either half is free.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(16))]
-pub(super) struct Box4 {
-    pub lo: [f32; 4],
-    pub hi: [f32; 4],
-}
+#[repr(C, align(32))]
+pub(super) struct Box8(pub [f32; 8]);
 
 #[inline(always)]
-fn min4(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
+fn min8(a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
     std::array::from_fn(|i| if a[i] < b[i] { a[i] } else { b[i] })
 }
 
-#[inline(always)]
-fn max4(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-    std::array::from_fn(|i| if a[i] > b[i] { a[i] } else { b[i] })
-}
-
-impl Box4 {
-    pub const EMPTY: Self = Self { lo: [f32::INFINITY; 4], hi: [f32::NEG_INFINITY; 4] };
+impl Box8 {
+    pub const EMPTY: Self = Self([f32::INFINITY; 8]);
 
     #[inline(always)]
     pub fn join(&mut self, other: &Self) {
-        self.lo = min4(self.lo, other.lo);
-        self.hi = max4(self.hi, other.hi);
+        self.0 = min8(self.0, other.0);
     }
 
-    #[inline(always)]
-    pub fn include(&mut self, p: [f32; 4]) {
-        self.lo = min4(self.lo, p);
-        self.hi = max4(self.hi, p);
+    pub fn lo(&self) -> [f32; 3] {
+        [self.0[0], self.0[1], self.0[2]]
     }
 
-    /// Half the area of the surface, in units of `1 / scale`: the scale keeps boxes of any size within
-    /// the range of `f32`. Zero for the empty box.
+    pub fn hi(&self) -> [f32; 3] {
+        [-self.0[4], -self.0[5], -self.0[6]]
+    }
+
+    /// How likely a ray meets the box, up to a factor. The box must not be empty.
     #[inline(always)]
-    pub fn half_area(&self, scale: f32) -> f32 {
-        let d: [f32; 3] = std::array::from_fn(|i| (self.hi[i] - self.lo[i]).max(0.0) * scale);
-        d[0] * d[1] + d[1] * d[2] + d[2] * d[0]
+    pub fn reach(&self, measure: &Measure) -> f32 {
+        let b = &self.0;
+        let d: [f32; 3] = std::array::from_fn(|i| -(b[i] + b[i + 4]) * measure.scale);
+        d[0] * d[1] + d[1] * d[2] + d[2] * d[0] + INSIDE * (d[0] * d[1] * d[2])
     }
 }
 
-/// Twice the centroid. The fourth lane is a number's bits, and means nothing. Coordinates past 1.7e38
-/// overflow here; such nodes are halved by count.
+/// Rays from elsewhere meet a box as often as its surface is large; those that begin or end in it always do, and they are
+/// as many as its volume says. This weighs the latter: with it walls get leaves of their own, and the air between them none.
+const INSIDE: f32 = 3.0;
+
+/// What boxes are measured by.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Measure {
+    /// Makes the extent of the whole 1: that keeps boxes of any size within the range of `f32`.
+    pub scale: f32,
+    /// Added to the reach of each pack: what its memory is worth.
+    pub memory: f32,
+}
+
+impl Measure {
+    /// Cost of the packs of `n` triangles in a box of this reach.
+    #[inline(always)]
+    pub fn packs(&self, reach: f32, n: u32) -> f32 {
+        (reach + self.memory) * n.div_ceil(super::build::PACK as u32) as f32
+    }
+}
+
+/// Twice the centroid, as a box. The fourth lanes mean nothing. Coordinates past 1.7e38 overflow here; such nodes are
+/// halved by count.
 #[inline(always)]
-pub(super) fn centroid(r: &Ref) -> [f32; 4] {
-    let b = r.bounds();
-    std::array::from_fn(|i| b.lo[i] + b.hi[i])
+pub(super) fn centroid(r: &Ref) -> Box8 {
+    let b = &r.bounds().0;
+    Box8(std::array::from_fn(|i| if i < 4 { b[i] - b[i + 4] } else { b[i] - b[i - 4] }))
 }
 
 /// From centroids to bins.
@@ -60,17 +76,28 @@ pub(super) fn centroid(r: &Ref) -> [f32; 4] {
 pub(super) struct Mapping {
     lo: [f32; 4],
     scale: [f32; 4],
+    /// How many bins.
+    bins: usize,
 }
 
+/// Added to a small number it rounds that to sixteenths, and leaves the whole part in the bits from [`PLACE`] on.
+const MAGIC: f32 = 524_288.0;
+const PLACE: u32 = 4;
+
 impl Mapping {
-    pub fn new(centroids: &Box4) -> Self {
+    /// For `n` references with these centroids.
+    pub fn new(centroids: &Box8, n: usize) -> Self {
+        // As many as there is something to tell apart.
+        let bins = (8 + n / 8).min(BINS);
         let scale = std::array::from_fn(|i| {
-            let extent = centroids.hi[i] - centroids.lo[i];
-            let scale = BINS as f32 * 0.9999 / extent;
+            let extent = -centroids.0[i + 4] - centroids.0[i];
+            // Less by what rounding may add.
+            let scale = (bins as f32 - 0.0625) / extent;
             // Coincident centroids, and extents so small that the scale overflows, cannot be binned.
             if i < 3 && extent > 0.0 && scale.is_finite() { scale } else { 0.0 }
         });
-        Self { lo: centroids.lo, scale }
+        let c = &centroids.0;
+        Self { lo: [c[0], c[1], c[2], 0.0], scale, bins }
     }
 
     #[inline(always)]
@@ -79,39 +106,45 @@ impl Mapping {
     }
 
     #[inline(always)]
-    pub fn bins(&self, r: &Ref) -> [usize; 3] {
-        let c = centroid(r);
-        std::array::from_fn(|i| (((c[i] - self.lo[i]) * self.scale[i]) as i32) as usize & (BINS - 1))
+    fn bins(&self, r: &Ref) -> [usize; 3] {
+        let b = &r.bounds().0;
+        let k: [u32; 4] = std::array::from_fn(|i| {
+            (((b[i] - b[i + 4] - self.lo[i]) * self.scale[i] + MAGIC).to_bits() >> PLACE) & (BINS as u32 - 1)
+        });
+        [k[0] as usize, k[1] as usize, k[2] as usize]
     }
 }
 
 /// What fell into each bin of each axis.
 #[derive(Clone)]
 pub(super) struct Bins {
-    pub bounds: [[Box4; BINS]; 3],
-    pub count: [[u32; BINS]; 3],
+    bounds: [[Box8; BINS]; 3],
+    count: [[u32; BINS]; 3],
 }
 
 /// Where to split.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Split {
-    /// Area times packs, of both sides.
-    pub cost: f32,
     pub axis: usize,
     /// The first bin of the right side.
     pub bin: usize,
+    /// What either side holds.
+    pub sides: [Box8; 2],
 }
 
 impl Bins {
-    pub const EMPTY: Self = Self { bounds: [[Box4::EMPTY; BINS]; 3], count: [[0; BINS]; 3] };
+    pub const EMPTY: Self = Self { bounds: [[Box8::EMPTY; BINS]; 3], count: [[0; BINS]; 3] };
 
     #[inline(always)]
-    pub fn fill(&mut self, refs: &[Ref], mapping: &Mapping) {
+    fn fill(&mut self, refs: &[Ref], mapping: &Mapping) {
         for r in refs {
-            for (axis, bin) in mapping.bins(r).into_iter().enumerate() {
-                self.bounds[axis][bin].join(r.bounds());
-                self.count[axis][bin] += 1;
-            }
+            let [x, y, z] = mapping.bins(r);
+            self.bounds[0][x].join(r.bounds());
+            self.bounds[1][y].join(r.bounds());
+            self.bounds[2][z].join(r.bounds());
+            self.count[0][x] += 1;
+            self.count[1][y] += 1;
+            self.count[2][z] += 1;
         }
     }
 
@@ -126,32 +159,91 @@ impl Bins {
     }
 
     /// The cheapest split with something on both sides.
-    pub fn best(&self, mapping: &Mapping, scale: f32, packs: impl Fn(u32) -> f32) -> Option<Split> {
-        let mut best: Option<Split> = None;
+    #[inline(always)]
+    fn best(&self, mapping: &Mapping, measure: &Measure) -> Option<Split> {
+        let mut best: Option<(f32, usize, usize)> = None;
         for axis in (0..3).filter(|&a| mapping.splits(a)) {
             let (bounds, count) = (&self.bounds[axis], &self.count[axis]);
-            let mut right = [0.0; BINS];
-            let mut right_count = [0; BINS];
-            let (mut join, mut n) = (Box4::EMPTY, 0);
-            for k in (1..BINS).rev() {
+            let mut right = [f32::INFINITY; BINS];
+            let (mut join, mut n) = (Box8::EMPTY, 0);
+            for k in (1..mapping.bins).rev() {
                 join.join(&bounds[k]);
                 n += count[k];
-                right[k] = join.half_area(scale) * packs(n);
-                right_count[k] = n;
+                // Nothing on this side: not a number, which is never the cheapest.
+                right[k] = measure.packs(join.reach(measure), n);
             }
-            let (mut join, mut n) = (Box4::EMPTY, 0);
-            for k in 1..BINS {
+            let (mut join, mut n) = (Box8::EMPTY, 0);
+            for k in 1..mapping.bins {
                 join.join(&bounds[k - 1]);
                 n += count[k - 1];
-                if n == 0 || right_count[k] == 0 {
-                    continue;
-                }
-                let cost = join.half_area(scale) * packs(n) + right[k];
-                if best.is_none_or(|b| cost < b.cost) {
-                    best = Some(Split { cost, axis, bin: k });
+                let cost = measure.packs(join.reach(measure), n) + right[k];
+                if cost < best.map_or(f32::INFINITY, |b| b.0) {
+                    best = Some((cost, axis, k));
                 }
             }
         }
-        best
+        let (_, axis, bin) = best?;
+        let mut sides = [Box8::EMPTY; 2];
+        for (k, bounds) in self.bounds[axis][..mapping.bins].iter().enumerate() {
+            sides[usize::from(k >= bin)].join(bounds);
+        }
+        Some(Split { axis, bin, sides })
+    }
+}
+
+stage! {
+    /// Sort references into bins.
+    pub(super) fn fill(bins: &mut Bins, refs: &[Ref], mapping: &Mapping) {
+        bins.fill(refs, mapping);
+    }
+}
+
+stage! {
+    /// Choose the cheapest split.
+    pub(super) fn best(bins: &Bins, mapping: &Mapping, measure: &Measure, split: &mut Option<Split>) {
+        *split = bins.best(mapping, measure);
+    }
+}
+
+stage! {
+    /// Both, for few references.
+    pub(super) fn fill_and_choose(refs: &[Ref], mapping: &Mapping, measure: &Measure, split: &mut Option<Split>) {
+        let mut bins = Bins::EMPTY;
+        bins.fill(refs, mapping);
+        *split = bins.best(mapping, measure);
+    }
+}
+
+/// Left and right: how many references are on the left, and the centroids of either side.
+pub(super) type Halves = (usize, [Box8; 2]);
+
+/// Those that satisfy `left` first. No branch depends on the answer, which cannot be foretold.
+#[inline(always)]
+pub(super) fn partition(refs: &mut [Ref], left: impl Fn(&Ref) -> bool) -> Halves {
+    let mut mid = 0;
+    let mut centroids = [Box8::EMPTY; 2];
+    for i in 0..refs.len() {
+        let r = refs[i];
+        let is_left = left(&r);
+        refs[i] = refs[mid];
+        refs[mid] = r;
+        mid += usize::from(is_left);
+        let c = centroid(&r);
+        for (side, mine) in centroids.iter_mut().zip([is_left, !is_left]) {
+            side.join(&Box8(c.0.map(|x| if mine { x } else { f32::INFINITY })));
+        }
+    }
+    (mid, centroids)
+}
+
+stage! {
+    /// Those in bins below `bin` first.
+    pub(super) fn partition_by_bin(refs: &mut [Ref], mapping: &Mapping, axis: usize, bin: usize, halves: &mut Halves) {
+        let (lo, scale) = (mapping.lo[axis], mapping.scale[axis]);
+        *halves = partition(refs, |r| {
+            let b = &r.bounds().0;
+            let k = ((b[axis] - b[axis + 4] - lo) * scale + MAGIC).to_bits() >> PLACE & (BINS as u32 - 1);
+            k < bin as u32
+        });
     }
 }

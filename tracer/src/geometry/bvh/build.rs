@@ -1,4 +1,4 @@
-//! The binary tree.
+//! The binary tree, with what the collapse needs to know of it.
 //!
 //! Parallel, and the same tree from any number of threads: every split is a function of the primitives of
 //! its node in their order, and sums over them are of integers, or minima and maxima.
@@ -9,9 +9,12 @@
 use rayon::prelude::*;
 
 use super::{
+    super::pages,
     BuildMethod,
-    bins::{BINS, Bins, Box4, Mapping, centroid},
+    bins::{self, Bins, Box8, Mapping, Measure, Split, centroid, partition},
+    collapse::{Shares, Table},
 };
+use crate::lanes::Proven;
 
 /// Triangles tested at once.
 pub(super) const PACK: usize = 8;
@@ -19,9 +22,11 @@ pub(super) const PACK: usize = 8;
 const LEAF_TRIANGLES: usize = 4 * PACK;
 /// Most other primitives in a leaf.
 pub(super) const LEAF_ITEMS: usize = 4;
-/// What a node of the binary tree costs, in units of a pack. Less than a node of the wide tree would: most
-/// of them disappear in it. A smaller value makes smaller leaves, more of them, and a larger tree.
-const STEP: f32 = 0.75;
+/// What fits into a pack is split further where its box reaches so many times its share of the whole: large
+/// triangles are worth packs of their own.
+const LARGE: f32 = 50.0;
+/// What a pack's memory is worth, as a part of the whole's share.
+const MEMORY: f32 = 1.0;
 /// Below this depth nodes are halved by count.
 const SPLIT_DEPTH: usize = 64;
 /// No tree is deeper: `SPLIT_DEPTH`, then halving of less than 2^32 primitives, then kinds told apart.
@@ -42,29 +47,36 @@ pub(in super::super) enum Kind {
 
 /// A primitive to the builder: its box; its number and kind sit in the lanes that boxes do not use.
 #[derive(Clone, Copy, Debug)]
-pub(in super::super) struct Ref(Box4);
+pub(in super::super) struct Ref(Box8);
 
-const ITEM: u32 = 1 << 31;
+/// Makes ordinary numbers of the bits in those lanes: with others processors can be slow.
+const TAG: u32 = 1 << 30;
 
 impl Ref {
-    /// `id` is below 2^31; the box is finite.
+    /// `id` is below 2^29; the box is finite.
     pub fn new(bounds: &super::super::Bounds, id: u32, kind: Kind) -> Self {
-        let tag = f32::from_bits(id & !ITEM);
-        let flag = f32::from_bits(if kind == Kind::Item { ITEM } else { 0 });
-        let (lo, hi) = (bounds.lo, bounds.hi);
-        Self(Box4 { lo: [lo.x, lo.y, lo.z, tag], hi: [hi.x, hi.y, hi.z, flag] })
+        let tag = |bits: u32| f32::from_bits(TAG | bits);
+        let (lo, hi) = (bounds.lo, -bounds.hi);
+        Self(Box8([lo.x, lo.y, lo.z, tag(id & (TAG - 1)), hi.x, hi.y, hi.z, tag(u32::from(kind == Kind::Item))]))
+    }
+
+    /// Stands where there is nothing to hit.
+    pub const NONE: Self = Self(Box8([f32::INFINITY; 8]));
+
+    pub fn is_some(&self) -> bool {
+        self.0.0[0] < f32::INFINITY
     }
 
     pub fn id(&self) -> u32 {
-        self.0.lo[3].to_bits()
+        self.0.0[3].to_bits() ^ TAG
     }
 
     pub fn kind(&self) -> Kind {
-        if self.0.hi[3].to_bits() & ITEM == 0 { Kind::Triangle } else { Kind::Item }
+        if self.0.0[7].to_bits() == TAG { Kind::Triangle } else { Kind::Item }
     }
 
     #[inline(always)]
-    pub(super) fn bounds(&self) -> &Box4 {
+    pub(super) fn bounds(&self) -> &Box8 {
         &self.0
     }
 }
@@ -72,12 +84,15 @@ impl Ref {
 /// A node of the binary tree. An inner node's left child follows it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node2 {
-    pub bounds: Box4,
-    /// Inner: how much further than itself the right child is. Leaf: 0.
+    pub lo: [f32; 3],
+    pub hi: [f32; 3],
+    /// How much further than itself the right child is; 0 for a leaf.
     pub right: u32,
-    /// Leaf: its references, by place in the list.
+    /// Its references, by place in the list.
     pub first: u32,
     pub count: u32,
+    /// How it is shared out among children of wide nodes.
+    pub shares: Shares,
 }
 
 impl Node2 {
@@ -91,30 +106,43 @@ pub(super) fn build(refs: &mut [Ref], method: BuildMethod) -> Vec<Node2> {
     if refs.is_empty() {
         return Vec::new();
     }
-    let (bounds, centroids) = measure(refs);
-    let extent = (0..3).map(|i| bounds.hi[i] - bounds.lo[i]).fold(0.0, f32::max);
+    let [bounds, centroids] = measure(refs);
+    let extent = (0..3).map(|i| -bounds.0[i + 4] - bounds.0[i]).fold(0.0, f32::max);
     let scale = if extent > 0.0 && (1.0 / extent).is_finite() { 1.0 / extent } else { 1.0 };
-    let mixed = refs.iter().any(|r| r.kind() == Kind::Item);
-    Builder { method, scale, mixed }.node(refs, 0, bounds, centroids, 0)
+    let mixed = refs.par_iter().any(|r| r.kind() == Kind::Item);
+    let mut measure = Measure { scale, memory: 0.0 };
+    let share = bounds.reach(&measure) / refs.len().div_ceil(PACK) as f32;
+    measure.memory = MEMORY * share;
+    let proven = Proven::detect();
+    let builder = Builder { method, measure, mixed, share, proven };
+    let mut parts = Vec::new();
+    builder.node(&mut parts, refs, 0, [bounds, centroids], 0);
+    let mut nodes = Vec::with_capacity(parts.iter().map(Vec::len).sum());
+    pages::advise(&mut nodes);
+    for part in parts {
+        nodes.extend_from_slice(&part);
+    }
+    nodes
 }
 
 /// Bounds of the primitives, and of their centroids.
-fn measure(refs: &[Ref]) -> (Box4, Box4) {
+fn measure(refs: &[Ref]) -> [Box8; 2] {
     let some = |refs: &[Ref]| {
-        refs.iter().fold((Box4::EMPTY, Box4::EMPTY), |(mut b, mut c), r| {
-            b.join(r.bounds());
-            c.include(centroid(r));
-            (b, c)
-        })
+        let mut all = [Box8::EMPTY; 2];
+        for r in refs {
+            all[0].join(r.bounds());
+            all[1].join(&centroid(r));
+        }
+        all
     };
     if refs.len() <= CHUNK {
         return some(refs);
     }
     refs.par_chunks(CHUNK).map(some).reduce(
-        || (Box4::EMPTY, Box4::EMPTY),
+        || [Box8::EMPTY; 2],
         |mut a, b| {
-            a.0.join(&b.0);
-            a.1.join(&b.1);
+            a[0].join(&b[0]);
+            a[1].join(&b[1]);
             a
         },
     )
@@ -123,16 +151,14 @@ fn measure(refs: &[Ref]) -> (Box4, Box4) {
 #[derive(Clone, Copy)]
 struct Builder {
     method: BuildMethod,
-    /// Makes the extent of the whole 1.
-    scale: f32,
+    measure: Measure,
     mixed: bool,
+    /// Reach of the whole, for each pack that is needed at least.
+    share: f32,
+    proven: Proven,
 }
 
 impl Builder {
-    fn packs(n: u32) -> f32 {
-        n.div_ceil(PACK as u32) as f32
-    }
-
     /// Whether these may stay together, and whether they must be told apart by kind first.
     fn leaf(&self, refs: &[Ref]) -> (bool, bool) {
         if refs.len() > LEAF_TRIANGLES {
@@ -146,113 +172,121 @@ impl Builder {
         }
     }
 
-    fn node(&self, refs: &mut [Ref], first: u32, bounds: Box4, centroids: Box4, depth: usize) -> Vec<Node2> {
-        let mut nodes = Vec::new();
-        if refs.len() >= PARALLEL {
-            let (mid, left, right) = self.split(refs, &bounds, &centroids, depth).unwrap_or_else(|| halve(refs));
-            let (a, b) = refs.split_at_mut(mid);
-            let at = first + mid as u32;
-            let (l, r) = rayon::join(
-                || self.node(a, first, left.0, left.1, depth + 1),
-                || self.node(b, at, right.0, right.1, depth + 1),
-            );
-            nodes.reserve_exact(1 + l.len() + r.len());
-            nodes.push(Node2 { bounds, right: 1 + l.len() as u32, first, count: 0 });
-            nodes.extend_from_slice(&l);
-            nodes.extend_from_slice(&r);
-        } else {
-            nodes.reserve(refs.len() / 2 + 1);
-            self.small(&mut nodes, refs, first, bounds, centroids, depth);
+    /// The tree over some references, as a list of its parts; `boxes` are the bounds of them and of their centroids.
+    fn node(&self, parts: &mut Vec<Vec<Node2>>, refs: &mut [Ref], first: u32, boxes: [Box8; 2], depth: usize) -> Table {
+        if refs.len() < PARALLEL {
+            let mut nodes = Vec::with_capacity(refs.len() / 2 + 1);
+            let table = self.small(&mut nodes, refs, first, boxes, depth);
+            parts.push(nodes);
+            return table;
         }
-        nodes
+        let count = refs.len() as u32;
+        let (mid, [left, right]) = self.split(refs, &boxes, depth).unwrap_or_else(|| halve(refs));
+        let (a, b) = refs.split_at_mut(mid);
+        let at = first + mid as u32;
+        let me = parts.len();
+        parts.push(Vec::new());
+        let mut others = Vec::new();
+        let (l, r) = rayon::join(
+            || self.node(parts, a, first, left, depth + 1),
+            || self.node(&mut others, b, at, right, depth + 1),
+        );
+        let left_nodes: usize = parts[me + 1..].iter().map(Vec::len).sum();
+        let (table, shares) = Table::of(&l, &r, boxes[0].reach(&self.measure), None);
+        let (lo, hi) = (boxes[0].lo(), boxes[0].hi());
+        parts[me] = vec![Node2 { lo, hi, right: 1 + left_nodes as u32, first, count, shares }];
+        parts.append(&mut others);
+        table
     }
 
     /// As `node`, on one thread, into a list.
-    fn small(&self, nodes: &mut Vec<Node2>, refs: &mut [Ref], first: u32, bounds: Box4, centroids: Box4, depth: usize) {
+    fn small(&self, nodes: &mut Vec<Node2>, refs: &mut [Ref], first: u32, boxes: [Box8; 2], depth: usize) -> Table {
         let me = nodes.len();
-        nodes.push(Node2 { bounds, right: 0, first, count: refs.len() as u32 });
+        let count = refs.len() as u32;
+        let (lo, hi) = (boxes[0].lo(), boxes[0].hi());
+        nodes.push(Node2 { lo, hi, right: 0, first, count, shares: Shares::LEAF });
+        let reach = boxes[0].reach(&self.measure);
         let (may_be_leaf, by_kind) = self.leaf(refs);
-        if may_be_leaf && refs.len() <= PACK {
-            return;
+        let cost = may_be_leaf.then(|| self.measure.packs(reach, count));
+        let whole = refs.len() <= PACK && (refs.len() < 2 || reach <= LARGE * self.share);
+        if let Some(cost) = cost
+            && whole
+        {
+            return Table::leaf(cost);
         }
-        let (mid, left, right) = if by_kind {
+        let (mid, [left, right]) = if by_kind {
             tell_kinds_apart(refs)
         } else {
-            match self.split(refs, &bounds, &centroids, depth) {
-                Some(split) => split,
-                None if may_be_leaf => return,
-                None => halve(refs),
+            match (self.split(refs, &boxes, depth), cost) {
+                (Some(split), _) => split,
+                (None, Some(cost)) => return Table::leaf(cost),
+                (None, None) => halve(refs),
             }
         };
         let (a, b) = refs.split_at_mut(mid);
-        self.small(nodes, a, first, left.0, left.1, depth + 1);
-        nodes[me].right = (nodes.len() - me) as u32;
-        nodes[me].count = 0;
-        self.small(nodes, b, first + mid as u32, right.0, right.1, depth + 1);
+        let l = self.small(nodes, a, first, left, depth + 1);
+        let offset = (nodes.len() - me) as u32;
+        let r = self.small(nodes, b, first + mid as u32, right, depth + 1);
+        let (table, shares) = Table::of(&l, &r, reach, cost);
+        (nodes[me].right, nodes[me].shares) = (offset, shares);
+        table
     }
 
-    /// Partition by the method's plane. None where there is none, or where a leaf is cheaper.
-    fn split(&self, refs: &mut [Ref], bounds: &Box4, centroids: &Box4, depth: usize) -> Option<Parts> {
+    /// Partition by the method's plane. None where there is none.
+    fn split(&self, refs: &mut [Ref], boxes: &[Box8; 2], depth: usize) -> Option<Parts> {
         if depth >= SPLIT_DEPTH {
             return None;
         }
         match self.method {
-            BuildMethod::Sah => self.split_sah(refs, bounds, centroids),
-            BuildMethod::MeanCentroid => split_mean(refs, bounds),
-            BuildMethod::Midpoint => self.split_midpoint(refs, bounds),
+            BuildMethod::Sah => self.split_sah(refs, &boxes[1]),
+            BuildMethod::MeanCentroid => split_mean(refs, &boxes[0]),
+            BuildMethod::Midpoint => self.split_midpoint(refs, &boxes[0]),
         }
     }
 
-    fn split_sah(&self, refs: &mut [Ref], bounds: &Box4, centroids: &Box4) -> Option<Parts> {
-        let mapping = Mapping::new(centroids);
+    fn split_sah(&self, refs: &mut [Ref], centroids: &Box8) -> Option<Parts> {
+        let mapping = Mapping::new(centroids, refs.len());
         if !(0..3).any(|axis| mapping.splits(axis)) {
             return None;
         }
-        let bins = if refs.len() > 2 * CHUNK {
-            refs.par_chunks(CHUNK)
+        let mut split: Option<Split> = None;
+        if refs.len() > 2 * CHUNK {
+            let bins = refs
+                .par_chunks(CHUNK)
                 .map(|refs| {
                     let mut bins = Bins::EMPTY;
-                    bins.fill(refs, &mapping);
+                    bins::fill(self.proven, &mut bins, refs, &mapping);
                     bins
                 })
-                .reduce(|| Bins::EMPTY, |a, b| a.merge(&b))
+                .reduce(|| Bins::EMPTY, |a, b| a.merge(&b));
+            bins::best(self.proven, &bins, &mapping, &self.measure, &mut split);
         } else {
-            let mut bins = Bins::EMPTY;
-            bins.fill(refs, &mapping);
-            bins
-        };
-        let best = bins.best(&mapping, self.scale, Self::packs)?;
-        let area = bounds.half_area(self.scale);
-        if self.leaf(refs).0 && best.cost + STEP * area >= area * Self::packs(refs.len() as u32) {
-            return None;
+            bins::fill_and_choose(self.proven, refs, &mapping, &self.measure, &mut split);
         }
-        let (mut left, mut right) = (Box4::EMPTY, Box4::EMPTY);
-        for k in 0..BINS {
-            let side = if k < best.bin { &mut left } else { &mut right };
-            side.join(&bins.bounds[best.axis][k]);
-        }
-        let (mid, cl, cr) = partition(refs, |r| mapping.bins(r)[best.axis] < best.bin);
-        Some((mid, (left, cl), (right, cr)))
+        let Split { axis, bin, sides: [left, right], .. } = split?;
+        let mut halves = (0, [Box8::EMPTY; 2]);
+        bins::partition_by_bin(self.proven, refs, &mapping, axis, bin, &mut halves);
+        let (mid, [cl, cr]) = halves;
+        Some((mid, [[left, cl], [right, cr]]))
     }
 
-    fn split_midpoint(&self, refs: &mut [Ref], bounds: &Box4) -> Option<Parts> {
+    fn split_midpoint(&self, refs: &mut [Ref], bounds: &Box8) -> Option<Parts> {
         let mut best: Option<(f32, usize, f32)> = None;
         for axis in 0..3 {
             // Centroids are doubled as well.
-            let middle = bounds.lo[axis] + bounds.hi[axis];
-            let (mut l, mut r, mut n) = (Box4::EMPTY, Box4::EMPTY, 0usize);
-            for x in refs.iter() {
-                if centroid(x)[axis] < middle {
-                    l.join(x.bounds());
-                    n += 1;
-                } else {
-                    r.join(x.bounds());
-                }
+            let middle = bounds.0[axis] - bounds.0[axis + 4];
+            let mut sides = [Box8::EMPTY; 2];
+            let mut n = 0;
+            for r in refs.iter() {
+                let left = centroid(r).0[axis] < middle;
+                sides[usize::from(!left)].join(r.bounds());
+                n += usize::from(left);
             }
             if n == 0 || n == refs.len() {
                 continue;
             }
-            let cost = l.half_area(self.scale) * n as f32 + r.half_area(self.scale) * (refs.len() - n) as f32;
+            let [l, r] = sides.map(|side| side.reach(&self.measure));
+            let cost = l * n as f32 + r * (refs.len() - n) as f32;
             if best.is_none_or(|b| cost < b.0) {
                 best = Some((cost, axis, middle));
             }
@@ -263,17 +297,17 @@ impl Builder {
 }
 
 /// The place of the first reference of the right side; bounds and centroid bounds of either side.
-type Parts = (usize, (Box4, Box4), (Box4, Box4));
+type Parts = (usize, [[Box8; 2]; 2]);
 
-fn split_mean(refs: &mut [Ref], bounds: &Box4) -> Option<Parts> {
-    let extent = |i: usize| bounds.hi[i] - bounds.lo[i];
+fn split_mean(refs: &mut [Ref], bounds: &Box8) -> Option<Parts> {
+    let extent = |i: usize| -bounds.0[i + 4] - bounds.0[i];
     let axis = (1..3).fold(0, |a, i| if extent(i) > extent(a) { i } else { a });
-    let sum: f64 = refs.iter().map(|r| f64::from(centroid(r)[axis])).sum();
+    let sum: f64 = refs.iter().map(|r| f64::from(centroid(r).0[axis])).sum();
     split_at(refs, axis, (sum / refs.len() as f64) as f32)
 }
 
 fn split_at(refs: &mut [Ref], axis: usize, plane: f32) -> Option<Parts> {
-    let (mid, _, _) = partition(refs, |r| centroid(r)[axis] < plane);
+    let (mid, _) = partition(refs, |r| centroid(r).0[axis] < plane);
     (mid > 0 && mid < refs.len()).then(|| measured(refs, mid))
 }
 
@@ -282,28 +316,10 @@ fn halve(refs: &mut [Ref]) -> Parts {
 }
 
 fn tell_kinds_apart(refs: &mut [Ref]) -> Parts {
-    let (mid, _, _) = partition(refs, |r| r.kind() == Kind::Triangle);
+    let (mid, _) = partition(refs, |r| r.kind() == Kind::Triangle);
     measured(refs, mid)
 }
 
 fn measured(refs: &[Ref], mid: usize) -> Parts {
-    (mid, measure(&refs[..mid]), measure(&refs[mid..]))
-}
-
-/// Those that satisfy `left` first. Returns how many, and the centroid bounds of either side.
-#[inline(always)]
-fn partition(refs: &mut [Ref], left: impl Fn(&Ref) -> bool) -> (usize, Box4, Box4) {
-    let (mut i, mut k) = (0, refs.len());
-    let (mut cl, mut cr) = (Box4::EMPTY, Box4::EMPTY);
-    while i < k {
-        if left(&refs[i]) {
-            cl.include(centroid(&refs[i]));
-            i += 1;
-        } else {
-            cr.include(centroid(&refs[i]));
-            k -= 1;
-            refs.swap(i, k);
-        }
-    }
-    (i, cl, cr)
+    (mid, [measure(&refs[..mid]), measure(&refs[mid..])])
 }

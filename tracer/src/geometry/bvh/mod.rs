@@ -1,10 +1,11 @@
-//! The bounding volume hierarchy: a binary tree by the surface area heuristic ([`build`]), collapsed to
-//! eight children a node ([`wide`]), and its traversal ([`traverse`]).
+//! The bounding volume hierarchy: a binary tree by the surface area heuristic ([`build`]), the best way to make nodes
+//! of eight children of it ([`collapse`]), those nodes ([`wide`]), and their traversal ([`traverse`]).
 //!
 //! It knows boxes and numbers; only the traversal knows what they stand for.
 
 mod bins;
 mod build;
+mod collapse;
 pub(super) mod traverse;
 mod wide;
 

@@ -203,7 +203,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
     let mut top = 0usize;
     let mut current = 0u32;
     let mut near_store = Row([0.0; 8]);
-    let mut moved = [Row([0.0; 8]); 9];
+    let mut moved = [zero; 9];
 
     'next: loop {
         'pop: {
@@ -332,7 +332,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                     let hit = if TEXTBOOK {
                         textbook::moeller_trumbore(ray.origin.into(), ray.direction.into(), pack.corners(lane))
                     } else {
-                        let three = |k: usize| [moved[k], moved[k + 1], moved[k + 2]].map(|row| row.0[lane & 7]);
+                        let three = |k: usize| [moved[k].lane(lane), moved[k + 1].lane(lane), moved[k + 2].lane(lane)];
                         frame.decide(three(0), three(3), three(6), || pack.corners(lane))
                     };
                     let Some(hit) = hit else { continue };

@@ -10,10 +10,9 @@ use super::{
     },
     BuildMethod,
     build::{self, Kind, MAX_DEPTH, Node2, PACK, Ref},
+    collapse::{Children, WIDTH},
 };
 
-/// Children of a node.
-const WIDTH: usize = 8;
 /// Marks a child that is a leaf.
 pub(super) const LEAF: u32 = 1 << 31;
 /// Marks a leaf of items rather than packs.
@@ -48,12 +47,10 @@ pub(in super::super) struct Tree {
     pub depth: usize,
 }
 
-/// A wide node before it is filled: its children in the binary tree.
+/// A wide node before it is filled.
 struct Plan {
-    children: [u32; WIDTH],
-    count: usize,
-    /// Inner children become consecutive nodes from here.
-    base: u32,
+    children: Children,
+    codes: [u32; WIDTH],
 }
 
 impl Tree {
@@ -64,39 +61,12 @@ impl Tree {
         if binary.is_empty() {
             return Self::default();
         }
-        let (plans, depth) = collapse(&binary);
-
-        // Leaves in the order of the nodes that hold them.
-        let mut packs: Vec<(u32, u32)> = Vec::with_capacity(refs.len() / 4 + 1);
-        let mut items = Vec::new();
-        let mut leaves = vec![0u32; binary.len()];
-        for plan in &plans {
-            for &child in &plan.children[..plan.count] {
-                let leaf = &binary[child as usize];
-                if !leaf.is_leaf() {
-                    continue;
-                }
-                let members = &refs[leaf.first as usize..(leaf.first + leaf.count) as usize];
-                let code = if members[0].kind() == Kind::Item {
-                    let at = items.len() as u32;
-                    items.extend(members.iter().map(Ref::id));
-                    ITEMS | (members.len() as u32) << COUNT_SHIFT | at
-                } else {
-                    let at = packs.len() as u32;
-                    packs.extend(
-                        (0..leaf.count).step_by(PACK).map(|k| (leaf.first + k, (leaf.count - k).min(PACK as u32))),
-                    );
-                    leaf.count.div_ceil(PACK as u32) << COUNT_SHIFT | at
-                };
-                leaves[child as usize] = LEAF | code;
-            }
-        }
-        let nodes = pages::collect(plans.par_iter().map(|plan| fill(plan, &binary, &leaves)));
+        let Plans { plans, packs, items, depth } = Plans::of(&binary, &refs);
+        let nodes = pages::collect(plans.par_iter().map(|plan| fill(plan, &binary)));
         let packs =
             packs.par_iter().map(|&(first, count)| pack(&refs[first as usize..(first + count) as usize], &corners));
         let packs = pages::collect(packs);
-        let all = &binary[0].bounds;
-        let bounds = Bounds { lo: glam::Vec3::from_slice(&all.lo), hi: glam::Vec3::from_slice(&all.hi) };
+        let bounds = Bounds { lo: binary[0].lo.into(), hi: binary[0].hi.into() };
         Self { nodes, packs, items, bounds: Some(bounds), depth }
     }
 
@@ -126,67 +96,76 @@ impl Tree {
     }
 }
 
-/// Decide which nodes of the binary tree become children of which wide node, and the depth of that tree.
-/// Node 0 is the root; a leaf alone still gets a node above it.
-fn collapse(binary: &[Node2]) -> (Vec<Plan>, usize) {
-    let mut plans = vec![Plan { children: [0; WIDTH], count: 0, base: 0 }];
-    let mut todo = vec![(0u32, 0usize, 1usize)];
-    let mut deepest = 0;
-    while let Some((root, at, depth)) = todo.pop() {
-        deepest = deepest.max(depth);
-        let mut children = [0; WIDTH];
-        let mut areas = [0.0f32; WIDTH];
-        // Area by which a child is opened; leaves cannot be.
-        let opens = |child: u32| {
-            let node = &binary[child as usize];
-            if node.is_leaf() { -1.0 } else { node.bounds.half_area(1.0) }
-        };
-        (children[0], areas[0]) = (root, opens(root));
-        let mut count = 1;
-        while count < WIDTH {
-            let k = (1..count).fold(0, |k, i| if areas[i] > areas[k] { i } else { k });
-            if areas[k] < 0.0 {
-                break;
-            }
-            let (left, right) = (children[k] + 1, children[k] + binary[children[k] as usize].right);
-            (children[k], areas[k]) = (left, opens(left));
-            (children[count], areas[count]) = (right, opens(right));
-            count += 1;
-        }
-        let base = plans.len() as u32;
-        plans[at] = Plan { children, count, base };
-        let inner = children[..count].iter().filter(|&&c| !binary[c as usize].is_leaf());
-        let inner: Vec<u32> = inner.copied().collect();
-        for _ in &inner {
-            plans.push(Plan { children: [0; WIDTH], count: 0, base: 0 });
-        }
-        for (i, &child) in inner.iter().enumerate().rev() {
-            todo.push((child, base as usize + i, depth + 1));
-        }
-    }
-    debug_assert!(deepest <= MAX_DEPTH + 1);
-    (plans, deepest)
+/// Wide nodes, the first one the root, and what their leaves hold.
+struct Plans {
+    plans: Vec<Plan>,
+    /// Places of the packs' first references, and how many there are.
+    packs: Vec<(u32, u32)>,
+    items: Vec<u32>,
+    depth: usize,
 }
 
-fn fill(plan: &Plan, binary: &[Node2], leaves: &[u32]) -> Node {
+impl Plans {
+    /// Inner children of a node become consecutive nodes; leaves come in the order in which nodes are planned.
+    fn of(binary: &[Node2], refs: &[Ref]) -> Self {
+        let none = || Plan { children: Children { nodes: [0; WIDTH], count: 0 }, codes: [0; WIDTH] };
+        let mut all = Self {
+            plans: Vec::with_capacity(refs.len() / 24 + 1),
+            packs: Vec::with_capacity(refs.len() / 6 + 1),
+            items: Vec::new(),
+            depth: 0,
+        };
+        all.plans.push(none());
+        let mut todo = vec![(0u32, 0usize, 1usize)];
+        while let Some((root, at, depth)) = todo.pop() {
+            all.depth = all.depth.max(depth);
+            let children = Children::of(binary, root);
+            let mut codes = [0; WIDTH];
+            for (code, &child) in codes.iter_mut().zip(&children.nodes[..children.count]) {
+                let node = &binary[child as usize];
+                *code = if node.shares.is_leaf() {
+                    all.leaf(node, refs)
+                } else {
+                    all.plans.push(none());
+                    all.plans.len() as u32 - 1
+                };
+            }
+            for (&code, &child) in codes.iter().zip(&children.nodes[..children.count]).rev() {
+                if code & LEAF == 0 {
+                    todo.push((child, code as usize, depth + 1));
+                }
+            }
+            all.plans[at] = Plan { children, codes };
+        }
+        debug_assert!(all.depth <= MAX_DEPTH + 1);
+        all
+    }
+
+    fn leaf(&mut self, node: &Node2, refs: &[Ref]) -> u32 {
+        let members = &refs[node.first as usize..(node.first + node.count) as usize];
+        if members[0].kind() == Kind::Item {
+            let at = self.items.len() as u32;
+            self.items.extend(members.iter().map(Ref::id));
+            return LEAF | ITEMS | node.count << COUNT_SHIFT | at;
+        }
+        let at = self.packs.len() as u32;
+        let pack = |k: u32| (node.first + k, (node.count - k).min(PACK as u32));
+        self.packs.extend((0..node.count).step_by(PACK).map(pack));
+        LEAF | node.count.div_ceil(PACK as u32) << COUNT_SHIFT | at
+    }
+}
+
+fn fill(plan: &Plan, binary: &[Node2]) -> Node {
     let mut rows = [Row([f32::INFINITY; 8]); 6];
     rows[3..].fill(Row([f32::NEG_INFINITY; 8]));
-    let mut children = [0; WIDTH];
-    let mut next = plan.base;
-    for (k, &child) in plan.children[..plan.count].iter().enumerate() {
+    for (k, &child) in plan.children.nodes[..plan.children.count].iter().enumerate() {
         let node = &binary[child as usize];
         for axis in 0..3 {
-            rows[axis].0[k] = node.bounds.lo[axis];
-            rows[3 + axis].0[k] = node.bounds.hi[axis];
+            rows[axis].0[k] = node.lo[axis];
+            rows[3 + axis].0[k] = node.hi[axis];
         }
-        children[k] = if node.is_leaf() {
-            leaves[child as usize]
-        } else {
-            next += 1;
-            next - 1
-        };
     }
-    Node { rows, children }
+    Node { rows, children: plan.codes }
 }
 
 fn pack(members: &[Ref], corners: &impl Fn(u32) -> [[f32; 3]; 3]) -> Pack {

@@ -93,6 +93,8 @@ pub(super) trait Isa: Copy {
 /// Eight numbers in registers. Masks have bit `i` for lane `i`.
 pub(super) trait Lanes: Copy {
     fn store(self, row: &mut Row);
+    /// Lane `i & 7`.
+    fn lane(self, i: usize) -> f32;
     fn add(self, b: Self) -> Self;
     fn sub(self, b: Self) -> Self;
     fn mul(self, b: Self) -> Self;
@@ -111,4 +113,30 @@ pub(super) trait Lanes: Copy {
     fn lt(self, b: Self) -> u32;
     /// Lanes where `self < middle` and `middle < upper`.
     fn lt_and_gt(self, middle: Self, upper: Self) -> u32;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_lane_is_found_where_it_was_stored() {
+        fn check(isa: impl Isa) {
+            let row = Row([1.0, -2.0, 3.5, f32::INFINITY, 0.0, 6.0, -0.0, 8.0]);
+            let found: [u32; 8] = std::array::from_fn(|i| isa.load(&row).lane(i).to_bits());
+            assert_eq!(found, row.0.map(f32::to_bits));
+        }
+        for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::Sse2, InstructionSet::Portable] {
+            match set.prove() {
+                #[cfg(target_arch = "x86_64")]
+                Some(Proof::Avx512(isa)) => check(isa),
+                #[cfg(target_arch = "x86_64")]
+                Some(Proof::Avx2(isa)) => check(isa),
+                #[cfg(target_arch = "x86_64")]
+                Some(Proof::Sse2(isa)) => check(isa),
+                Some(Proof::Portable(isa)) => check(isa),
+                None => {}
+            }
+        }
+    }
 }

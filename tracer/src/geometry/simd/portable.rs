@@ -41,6 +41,10 @@ impl Lanes for F8 {
         row.0 = self.0;
     }
     #[inline(always)]
+    fn lane(self, i: usize) -> f32 {
+        self.0[i & 7]
+    }
+    #[inline(always)]
     fn add(self, b: Self) -> Self {
         self.each(b, |a, b| a + b)
     }

@@ -118,6 +118,11 @@ impl Lanes for F8 {
         unsafe { _mm256_store_ps(row.0.as_mut_ptr(), self.0) };
     }
     #[inline(always)]
+    fn lane(self, i: usize) -> f32 {
+        // SAFETY: an `F8` exists only where the processor has AVX2.
+        unsafe { _mm256_cvtss_f32(_mm256_permutevar8x32_ps(self.0, _mm256_set1_epi32(i as i32))) }
+    }
+    #[inline(always)]
     fn abs(self) -> Self {
         // SAFETY: an `F8` exists only where the processor has AVX2.
         Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
@@ -200,6 +205,12 @@ impl Lanes for F4x2 {
             _mm_store_ps(p, self.0);
             _mm_store_ps(p.add(4), self.1);
         }
+    }
+    #[inline(always)]
+    fn lane(self, i: usize) -> f32 {
+        let mut row = Row([0.0; 8]);
+        self.store(&mut row);
+        row.0[i & 7]
     }
     #[inline(always)]
     fn abs(self) -> Self {
