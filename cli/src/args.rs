@@ -405,7 +405,7 @@ fn samples() -> clap::builder::RangedI64ValueParser<u32> {
 }
 
 /// One of a list of names, which help and errors show.
-fn choice<T: Copy + Send + Sync>(all: &'static [(&'static str, T)]) -> impl TypedValueParser<Value = T> {
+pub(crate) fn choice<T: Copy + Send + Sync>(all: &'static [(&'static str, T)]) -> impl TypedValueParser<Value = T> {
     PossibleValuesParser::new(all.iter().map(|(name, _)| *name)).try_map(move |text: String| {
         let found = all.iter().find(|(name, _)| *name == text);
         found.map(|(_, value)| *value).ok_or("not one of the names")

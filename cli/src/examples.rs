@@ -48,6 +48,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("coverage", &["tessera coverage -o accuracy --quick"]),
     ("bench render", &["tessera bench render scenes/cornell-box.json --samples 64"]),
     ("bench rays", &["tessera bench rays scenes/shells.json --json"]),
+    ("bench auto", &["tessera bench auto scenes/cornell-box.json scenes/metals.json --seeds 4"]),
     ("config", &["tessera config", "tessera config --json"]),
     ("completions", &["tessera completions bash"]),
 ];

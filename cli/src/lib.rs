@@ -15,6 +15,7 @@ mod error;
 mod examples;
 mod farm;
 mod jobs;
+mod left_out;
 mod output;
 mod parallel;
 mod plan;

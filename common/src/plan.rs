@@ -111,6 +111,15 @@ pub struct Considered {
     pub efficiency: f64,
 }
 
+/// Estimators that were not tried, and why.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RuledOut {
+    /// Values of a method option, or what they have in common.
+    pub what: String,
+    /// Why.
+    pub why: String,
+}
+
 /// What was chosen for a scene, and why.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MethodPlan {

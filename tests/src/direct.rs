@@ -5,13 +5,14 @@ use std::path::Path;
 use common::{
     film::Moments,
     job::JobId,
-    method::MethodChoices,
+    method::{Direct, Method, MethodChoices},
     pass::{Work, batch_for},
+    plan::{MethodPlan, Trial},
     protocol::{RenderSettings, Unit, UnitId},
     scene::SceneFile,
     tile::Rect,
 };
-use tracer::{Assets, Loaded, UnitRender};
+use tracer::{Assets, Loaded, Prepared, UnitRender, special::Without};
 
 /// A picture of moments, rows from the top.
 pub struct Picture {
@@ -44,6 +45,47 @@ pub fn scene(name: &str) -> SceneFile {
 /// Where the scene cannot be rendered.
 #[must_use]
 pub fn render(name: &str, scene: &SceneFile, samples: u32, choices: MethodChoices) -> Picture {
+    render_without(name, scene, samples, choices, Without::NOTHING)
+}
+
+/// The same with specialisations of the code left unused.
+///
+/// # Panics
+/// Where the scene cannot be rendered.
+#[must_use]
+pub fn render_without(
+    name: &str,
+    scene: &SceneFile,
+    samples: u32,
+    choices: MethodChoices,
+    without: Without,
+) -> Picture {
+    let method = choices.or(&scene.settings.method).resolve();
+    let settings = settings(scene, method, samples);
+    picture(&load(name, scene, &settings.method).build_without(without), &settings, samples)
+}
+
+/// Render a scene with what `auto` chooses, and tell that.
+///
+/// # Panics
+/// Where the scene cannot be rendered.
+#[must_use]
+pub fn render_by_auto(name: &str, scene: &SceneFile, samples: u32) -> (Picture, MethodPlan) {
+    let named = MethodChoices { direct: Some(Direct::Auto), ..scene.settings.method.clone() };
+    let settings = settings(scene, named.clone().resolve(), samples);
+    let prepared = load(name, scene, &settings.method).build();
+    let region = Rect::frame(scene.film.width, scene.film.height);
+    let plan = tracer::pilot::choose(&prepared, &settings, &Trial { region, named });
+    let chosen = prepared.with_method(&settings.method, &plan.method).expect("a pilot changes no geometry");
+    (picture(&chosen, &RenderSettings { method: plan.method.clone(), ..settings }, samples), plan)
+}
+
+fn settings(scene: &SceneFile, method: Method, samples: u32) -> RenderSettings {
+    let resolution = [scene.film.width, scene.film.height];
+    RenderSettings { frame: 1, resolution, method, seed: 1, batch: batch_for(samples) }
+}
+
+fn load(name: &str, scene: &SceneFile, method: &Method) -> Loaded {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes").join(name);
     let folder = folder.parent().expect("a file has a folder");
     let mut assets = Assets::default();
@@ -52,15 +94,16 @@ pub fn render(name: &str, scene: &SceneFile, samples: u32, choices: MethodChoice
         let mesh = import::mesh(&file, &bytes, &mut |other| std::fs::read(folder.join(other)).ok());
         assets.meshes.insert(file, mesh.unwrap_or_else(|error| panic!("{name}: {error}")).parts);
     }
-    let method = choices.or(&scene.settings.method).resolve();
-    let (width, height) = (scene.film.width, scene.film.height);
-    let loaded = Loaded::new(scene, &assets, &method, [width, height]).unwrap_or_else(|e| panic!("{name}: {e}"));
-    let prepared = loaded.build();
-    let settings = RenderSettings { frame: 1, resolution: [width, height], method, seed: 1, batch: batch_for(samples) };
+    let resolution = [scene.film.width, scene.film.height];
+    Loaded::new(scene, &assets, method, resolution).unwrap_or_else(|e| panic!("{name}: {e}"))
+}
+
+fn picture(prepared: &Prepared, settings: &RenderSettings, samples: u32) -> Picture {
+    let [width, height] = settings.resolution;
     let rect = Rect { x: 0, y: 0, w: width, h: height };
     let id = UnitId { job: JobId(1), frame: 1, tile: 0, pass: 0, rect };
     let unit = Unit { id, work: Work::Uniform { first: 0, samples }, features: false };
-    let render = UnitRender::new(&prepared, &settings, &unit);
+    let render = UnitRender::new(prepared, settings, &unit);
 
     let next = std::sync::atomic::AtomicU32::new(0);
     let mut rows: Vec<(u32, tracer::RowResult)> = std::thread::scope(|scope| {

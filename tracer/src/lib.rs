@@ -17,6 +17,7 @@ pub mod microfacet;
 pub mod pilot;
 pub mod sampler;
 pub mod scene;
+pub mod special;
 #[cfg(test)]
 mod testing;
 pub mod texture;

@@ -1,16 +1,19 @@
 //! The pilot: tries the methods that could serve a scene and keeps the one with the least variance x cost.
 //!
 //! What the facts rule out is not tried. The rest is asked one question after the other (how direct light is
-//! estimated; which light; where on it; how many samples; when paths end), each alternative against the best
+//! estimated; which light; where on it; how many samples; in how many ways paths go on), each alternative against the best
 //! so far, on the same pixels. Work is counted, not timed, and the samples are of another seed than the
 //! picture's and are thrown away: the choice is a pure function of scene, settings and [`Trial`], the same
 //! on every machine, and says nothing of the picture's noise.
 
+use std::ops::Range;
+
 use common::{
     luminance,
     method::{Direct, LightPick, LightSampling, Method, Roulette},
-    plan::{Considered, Facts, LEAST_PIXELS, MethodPlan, Trial, label},
+    plan::{Considered, Facts, LEAST_PIXELS, MethodPlan, RuledOut, Trial, label},
     protocol::RenderSettings,
+    tile::Rect,
 };
 use rayon::prelude::*;
 
@@ -25,21 +28,26 @@ use crate::{
 /// Samples of a pixel of the pilot.
 const SAMPLES: u32 = 64;
 /// Samples of a whole pilot for each pixel of the picture.
-const SHARE: usize = 4;
+const SHARE: usize = 8;
 /// Most samples of a pilot, about.
-const MOST: usize = 240_000;
+const MOST: usize = 300_000;
 /// A pilot takes at most about this many times the samples of one look at one method.
 const LOOKS: usize = 24;
-/// A second look takes this many times the pixels of the first.
-const SECOND: usize = 4;
 /// Pixels go in this many groups: work for threads, and the spread of a ratio is told from them.
 const GROUPS: usize = 16;
+/// A first look is at so many of them, the second at the others.
+const FIRST_GROUPS: usize = 4;
 /// A method below this efficiency at the first look is not looked at again.
 const HOPELESS: f64 = 0.6;
 /// A method must be better by this much to replace the one before it.
-const GAIN: f64 = 0.04;
-/// And by this many standard errors.
-const SIGNIFICANCE: f64 = 1.5;
+const GAIN: f64 = 0.02;
+/// And by this many standard errors, unless it does without multiple importance sampling: where both look alike, either
+/// will do, and the better guess loses less.
+const SIGNIFICANCE: f64 = 0.5;
+/// Without that, what is found by chance once in a while hardly shows in a trial.
+const SIGNIFICANCE_WITHOUT_MIS: f64 = 1.0;
+/// What this share of pixels does not exceed is usual.
+const USUAL: f64 = 0.97;
 /// More lights than this are never all sampled at one hit.
 const MOST_OF_ALL: u32 = 8;
 /// Keeps the samples apart from the picture's.
@@ -75,11 +83,26 @@ pub fn choose(prepared: &Prepared, settings: &RenderSettings, trial: &Trial) -> 
     MethodPlan { facts, chosen, method, kernel, untried: untried.map(Into::into), considered }
 }
 
+/// Work of a sample of the method of `settings`, as a pilot counts it.
+#[must_use]
+pub fn counted_work(prepared: &Prepared, settings: &RenderSettings, region: Rect) -> f64 {
+    let trial = Trial { region, named: Default::default() };
+    let pilot = Pilot::new(prepared, settings, &trial);
+    let count = pilot.pixels.len();
+    let tried = pilot.look(&settings.method, 0..count, &mut vec![1.0; count], false);
+    tried.map_or(f64::NAN, |tried| tried.cost())
+}
+
 /// What is taken where nothing better is found: light sampling and BSDF sampling under multiple importance
-/// sampling, a light by the tree, a point by solid angle.
+/// sampling, a light by the tree, a point by solid angle, late roulette.
 fn begin(method: &Method, facts: &Facts, trial: &Trial) -> Method {
     let mut method = method.clone();
     if method.direct == Direct::Auto {
+        if trial.named.roulette.is_none() {
+            // On no scene measured is another roulette better by more than a hundredth, and to tell that by a trial would
+            // take more samples than it saves: paths that are let live find what is rare.
+            method.roulette = Roulette::Late;
+        }
         method.direct = if facts.light_can_be_hit() || facts.lights == 0 { Direct::Mis } else { Direct::Light };
     }
     if !facts.one_emitter && facts.lights > 0 && trial.named.light_pick.is_none() {
@@ -94,10 +117,28 @@ fn begin(method: &Method, facts: &Facts, trial: &Trial) -> Method {
 /// Another way to answer a question.
 type Change = Box<dyn Fn(&mut Method) + Sync>;
 
-/// The questions that a scene leaves open, each with the answers beside the first.
-fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Vec<Change>> {
+/// A question that a scene leaves open, with the answers beside the first.
+struct Question {
+    ways: Vec<Change>,
+    /// Whether a way is worth a trial only where the one before it was better.
+    climbs: bool,
+    /// Whether pixels that vary far more than most count as if they did not: of methods that find rare light in the same
+    /// way, a trial's few rare samples say nothing.
+    robust: bool,
+    /// Whether the first way is taken unless it is seen to be worse: it is the better guess.
+    favoured: bool,
+}
+
+impl Question {
+    fn of(ways: Vec<Change>) -> Self {
+        Self { ways, climbs: false, robust: false, favoured: false }
+    }
+}
+
+/// The questions that a scene leaves open.
+fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Question> {
     let named = &trial.named;
-    let mut all: Vec<Vec<Change>> = Vec::new();
+    let mut all: Vec<Question> = Vec::new();
     if facts.lights == 0 || first.max_depth == 0 {
         return all;
     }
@@ -106,7 +147,7 @@ fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Vec<Change>> {
         if !facts.delta_lights {
             ways.push(Box::new(|m| m.direct = Direct::Bsdf));
         }
-        all.push(ways);
+        all.push(Question::of(ways));
     }
     if named.light_pick.is_none() && !facts.one_emitter {
         let mut ways: Vec<Change> = vec![Box::new(|m| m.light_pick = Some(LightPick::Power))];
@@ -116,16 +157,69 @@ fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Vec<Change>> {
                 ways.push(Box::new(|m| m.light_pick = Some(LightPick::All)));
             }
         }
-        all.push(ways);
+        all.push(Question::of(ways));
     }
     if named.light_sampling.is_none() && facts.area_lights {
-        all.push(vec![Box::new(|m| m.light_sampling = Some(LightSampling::Area))]);
+        all.push(Question::of(vec![Box::new(|m| m.light_sampling = Some(LightSampling::Area))]));
     }
     if named.light_samples.is_none() && (facts.area_lights || facts.environment || facts.lights > 1) {
-        all.push(vec![Box::new(|m| m.light_samples = 2), Box::new(|m| m.light_samples = 4)]);
+        let ways: Vec<Change> = vec![Box::new(|m| m.light_samples = 2), Box::new(|m| m.light_samples = 4)];
+        all.push(Question { climbs: true, ..Question::of(ways) });
     }
-    if named.roulette.is_none() && first.max_depth > 4 {
-        all.push(vec![Box::new(|m| m.roulette = Roulette::Late)]);
+    if named.splits.is_none() && first.max_depth > 1 {
+        let way = |splits| -> Change { Box::new(move |m| m.splits = splits) };
+        // What is worth less with four ways shows soon: it costs more and finds no more. What is worth more is often rare.
+        all.push(Question { ways: [4, 8, 16].map(way).into(), climbs: true, robust: true, favoured: true });
+    }
+    all
+}
+
+/// Ways to estimate light that are not tried, each with why: the facts or the user rule them out.
+#[must_use]
+pub fn ruled_out(facts: &Facts, trial: &Trial) -> Vec<RuledOut> {
+    let named = &trial.named;
+    let mut all = Vec::new();
+    let mut add = |what: &str, why: &str| all.push(RuledOut { what: what.into(), why: why.into() });
+    if facts.lights == 0 {
+        add("every way to sample lights", "there is no light");
+        return all;
+    }
+    match named.direct {
+        Some(direct) if direct != Direct::Auto => add("other estimators of direct light", "one is named"),
+        _ => {
+            add("hemisphere", "BSDF sampling finds the same light, and more often");
+            if !facts.light_can_be_hit() {
+                add("mis, bsdf", "no ray can hit a light");
+            } else if facts.delta_lights {
+                add("bsdf", "it finds no point, spot or directional light");
+            }
+        }
+    }
+    if named.light_pick.is_some() {
+        add("other choices of a light", "one is named");
+    } else if facts.one_emitter {
+        add("one, all, power, tree", "one emitter gives all light");
+    } else if facts.lights == 1 {
+        add("one, all", "with one light they are power");
+    } else if facts.lights > MOST_OF_ALL {
+        add("all", &format!("more than {MOST_OF_ALL} lights would be sampled at every hit"));
+    }
+    if named.light_sampling.is_some() {
+        add("other places on a light", "one way is named");
+    } else if facts.area_lights {
+        add("stratified", "the points of a batch are stratified over a light as they are");
+    } else {
+        add("area, stratified, solid-angle", "no light has a surface");
+    }
+    if named.light_samples.is_some() {
+        add("other numbers of light samples", "one is named");
+    } else if !(facts.area_lights || facts.environment || facts.lights > 1) {
+        add("light-samples above 1", "one sample of the only light tells all");
+    }
+    if named.roulette.is_some() {
+        add("other roulettes", "one is named");
+    } else {
+        add("throughput, fixed, off", "late is as good or better on every scene measured");
     }
     all
 }
@@ -134,16 +228,34 @@ fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Vec<Change>> {
 #[derive(Debug, Clone, Default)]
 struct Tried {
     method: Method,
-    /// Of each group, the pixels' variances of a sample over their luminance^2 + 0.01, summed.
-    variance: [f64; GROUPS],
-    pixels: usize,
+    /// Of each pixel, the variance of a sample over luminance^2 + 0.01.
+    variances: Vec<f64>,
+    /// Pixels of a group.
+    group: usize,
     samples: u64,
     work: f64,
 }
 
 impl Tried {
     fn variance(&self) -> f64 {
-        self.variance.iter().sum::<f64>() / self.pixels.max(1) as f64
+        self.variances.iter().sum::<f64>() / self.variances.len().max(1) as f64
+    }
+
+    /// Sums over the pixels of each group, none more than `most`.
+    fn sums(&self, most: f64) -> [f64; GROUPS] {
+        let mut sums = [0.0; GROUPS];
+        for (sum, pixels) in sums.iter_mut().zip(self.variances.chunks(self.group.max(1))) {
+            *sum = pixels.iter().map(|variance| variance.min(most)).sum();
+        }
+        sums
+    }
+
+    /// What few pixels exceed.
+    fn usual(&self) -> f64 {
+        let mut sorted = self.variances.clone();
+        sorted.sort_by(f64::total_cmp);
+        let at = (USUAL * sorted.len() as f64) as usize;
+        sorted.get(at).copied().filter(|usual| *usual > 0.0).unwrap_or(f64::INFINITY)
     }
 
     fn cost(&self) -> f64 {
@@ -155,13 +267,26 @@ impl Tried {
         self.variance() * self.cost()
     }
 
+    /// Variance x cost of the pixels of a first look alone, up to a factor that is the same for all.
+    fn first_look(&self, most: f64) -> f64 {
+        self.sums(most)[..FIRST_GROUPS].iter().sum::<f64>() * self.cost()
+    }
+
+    /// Take in what was found in other pixels.
+    fn add(&mut self, other: &Tried) {
+        self.variances.extend(&other.variances);
+        self.samples += other.samples;
+        self.work += other.work;
+    }
+
     /// Logarithm of the efficiency relative to `other`, looked at in the same pixels, and its standard error:
-    /// the jackknife over groups.
-    fn gain(&self, other: &Tried) -> (f64, f64) {
-        let (mine, theirs): (f64, f64) = (self.variance.iter().sum(), other.variance.iter().sum());
+    /// the jackknife over groups. No pixel counts for more than `most`.
+    fn gain(&self, other: &Tried, most: f64) -> (f64, f64) {
+        let (my_sums, their_sums) = (self.sums(most), other.sums(most));
+        let (mine, theirs): (f64, f64) = (my_sums.iter().sum(), their_sums.iter().sum());
         let costs = other.cost() / self.cost();
         let log = |mine: f64, theirs: f64| libm::log((theirs * costs / mine).clamp(1e-9, 1e9));
-        let without = |i: usize| log(mine - self.variance[i], theirs - other.variance[i]);
+        let without = |i: usize| log(mine - my_sums[i], theirs - their_sums[i]);
         let mean = (0..GROUPS).map(without).sum::<f64>() / GROUPS as f64;
         let spread: f64 = (0..GROUPS).map(|i| (without(i) - mean) * (without(i) - mean)).sum();
         (log(mine, theirs), (spread * (GROUPS - 1) as f64 / GROUPS as f64).sqrt())
@@ -181,7 +306,8 @@ impl<'a> Pilot<'a> {
     fn new(prepared: &'a Prepared, settings: &'a RenderSettings, trial: &Trial) -> Self {
         let region = trial.region;
         let samples = (region.area() * SHARE).min(MOST);
-        let few = (samples / (LOOKS * SAMPLES as usize)).max(GROUPS);
+        // Of whole groups, so that a second look goes on where the first ended.
+        let few = (samples / (LOOKS * SAMPLES as usize)).next_multiple_of(FIRST_GROUPS).max(FIRST_GROUPS);
         // The R2 sequence (Roberts 2018): multiples of 1/g and 1/g^2, g^3 = g + 1.
         let place = |i: usize, step: f64, length: u32| {
             let at = (0.5 + (i + 1) as f64 * step).fract();
@@ -190,75 +316,96 @@ impl<'a> Pilot<'a> {
         let pixel = |i| {
             [region.x + place(i, 0.754_877_666_246_693, region.w), region.y + place(i, 0.569_840_290_998_053, region.h)]
         };
-        Self { prepared, settings, pixels: (0..few * SECOND).map(pixel).collect(), few }
+        Self { prepared, settings, pixels: (0..few * GROUPS / FIRST_GROUPS).map(pixel).collect(), few }
     }
 
-    fn run(&self, first: Method, questions: &[Vec<Change>]) -> (Method, Vec<Considered>) {
+    fn run(&self, first: Method, questions: &[Question]) -> (Method, Vec<Considered>) {
         let facts = self.prepared.facts();
-        let mut scales = vec![1.0; self.pixels.len()];
+        let (few, all_pixels) = (self.few, self.pixels.len());
+        let mut scales = vec![1.0; all_pixels];
         let mut all = Vec::new();
-        let Some(mut best) = self.look(&first, self.pixels.len(), &mut scales, true) else {
+        let Some(mut best) = self.look(&first, 0..all_pixels, &mut scales, true) else {
             return (first, Vec::new());
         };
-        let mut glance = self.look(&first, self.few, &mut scales, false);
         all.push(best.clone());
         for question in questions {
-            for change in question {
+            let most = if question.robust { best.usual() } else { f64::INFINITY };
+            for (index, change) in question.ways.iter().enumerate() {
+                let favoured = question.favoured && index == 0;
                 let mut method = best.method.clone();
                 change(&mut method);
                 if label(&method, facts) == label(&best.method, facts) {
                     continue;
                 }
-                let Some(quick) = self.look(&method, self.few, &mut scales, false) else { continue };
-                let hopeless = glance.as_ref().is_some_and(|g| g.product() < HOPELESS * quick.product());
-                if hopeless {
-                    all.push(quick);
+                let Some(mut tried) = self.look(&method, 0..few, &mut scales, false) else { continue };
+                if !favoured && best.first_look(most) < HOPELESS * tried.first_look(most) {
+                    all.push(tried);
+                    if question.climbs {
+                        break;
+                    }
                     continue;
                 }
-                let Some(tried) = self.look(&method, self.pixels.len(), &mut scales, false) else { continue };
-                let (gain, error) = tried.gain(&best);
+                let Some(rest) = self.look(&method, few..all_pixels, &mut scales, false) else { continue };
+                tried.add(&rest);
+                let (gain, error) = tried.gain(&best, most);
                 all.push(tried.clone());
-                if gain > GAIN && gain > SIGNIFICANCE * error {
-                    (best, glance) = (tried, Some(quick));
+                let leaves_mis = best.method.direct == Direct::Mis && tried.method.direct != Direct::Mis;
+                let significance = if leaves_mis { SIGNIFICANCE_WITHOUT_MIS } else { SIGNIFICANCE };
+                let better = gain > GAIN && gain > significance * error;
+                if better || favoured && gain > -error {
+                    best = tried;
+                } else if question.climbs {
+                    break;
                 }
             }
         }
-        let product = best.product();
+        let efficiency = |tried: &Tried| {
+            // In the pixels that both were tried in.
+            let (mine, least) = if tried.variances.len() == best.variances.len() {
+                (tried.product(), best.product())
+            } else {
+                (tried.first_look(f64::INFINITY), best.first_look(f64::INFINITY))
+            };
+            if mine > 0.0 { least / mine } else { 1.0 }
+        };
         let considered = all.iter().map(|tried| Considered {
             name: label(&tried.method, facts),
             samples: tried.samples,
             variance: tried.variance(),
             cost: tried.cost(),
-            efficiency: if tried.product() > 0.0 { product / tried.product() } else { 1.0 },
+            efficiency: efficiency(tried),
         });
         (best.method.clone(), considered.collect())
     }
 
-    /// Try a method in the first `count` pixels. `scales` are what variances are relative to; `set` them from
+    /// Try a method in the pixels `which`, whole groups of them. `scales` are what variances are relative to; `set` them from
     /// this very look.
-    fn look(&self, method: &Method, count: usize, scales: &mut [f64], set: bool) -> Option<Tried> {
+    fn look(&self, method: &Method, which: Range<usize>, scales: &mut [f64], set: bool) -> Option<Tried> {
         let prepared = self.prepared.with_method(&self.settings.method, method)?;
         let integrator = Integrator::new(prepared.scene(), method);
         let RenderSettings { seed, frame, batch, .. } = *self.settings;
         let sampler = Sampler::new(method.sampler, seed ^ SEED, frame, batch);
         let batches = (SAMPLES / batch.max(1)).max(4);
-        let size = count.div_ceil(GROUPS);
-        let groups: Vec<(Vec<(f64, f64)>, Counters)> =
-            self.pixels[..count].par_chunks(size).map(|pixels| group(&integrator, &sampler, pixels, batches)).collect();
-        let mut tried = Tried { method: method.clone(), ..Tried::default() };
+        let size = self.pixels.len() / GROUPS;
+        let groups: Vec<(Vec<(f64, f64)>, Counters)> = self.pixels[which.clone()]
+            .par_chunks(size)
+            .map(|pixels| group(&integrator, &sampler, pixels, batches))
+            .collect();
+        let mut tried = Tried { method: method.clone(), group: size, ..Tried::default() };
         let mut counters = Counters::default();
-        for (g, (pixels, counted)) in groups.iter().enumerate() {
-            for (i, &(mean, variance)) in pixels.iter().enumerate() {
-                let scale = &mut scales[g * size + i];
+        let mut pixel = which.start;
+        for (pixels, counted) in &groups {
+            for &(mean, variance) in pixels {
+                let scale = &mut scales[pixel];
                 if set {
                     *scale = 1.0 / (mean * mean + 0.01);
                 }
-                tried.variance[g] += variance * *scale;
+                tried.variances.push(variance * *scale);
+                pixel += 1;
             }
-            tried.pixels += pixels.len();
             counters += *counted;
         }
-        tried.samples = count as u64 * u64::from(batches * batch.max(1));
+        tried.samples = which.len() as u64 * u64::from(batches * batch.max(1));
         tried.work = work(&counters, tried.samples, &integrator, prepared.scene(), method);
         Some(tried)
     }
@@ -292,39 +439,46 @@ fn group(integrator: &Integrator, sampler: &Sampler, pixels: &[[u32; 2]], batche
     (values.chunks(each as usize).map(pixel).collect(), counters)
 }
 
-/// Counted work, about nanoseconds: each kind of step at what it was measured to take on one core of an AVX2
-/// machine, fitted over methods and the shipped scenes of few primitives to 6%.
+/// Counted work, about nanoseconds: each kind of step at what it was measured to take on one core of an AVX-512
+/// machine, fitted over all combinations of choices and the shipped scenes (`tessera bench auto` shows both). What
+/// matters is how methods compare within a scene: of those within twice the best, that is off by 3% (one standard
+/// deviation).
 fn work(counters: &Counters, samples: u64, integrator: &Integrator, scene: &Scene, method: &Method) -> f64 {
-    let in_waves = integrator.has_wave();
-    let (sample, vertex, ray, node, primitive) =
-        if in_waves { (0.0, 160.0, 5.0, 9.0, 0.2) } else { (190.0, 90.0, 95.0, 9.0, 2.0) };
-    let lights = match method.direct {
-        Direct::Bsdf => 0.0,
-        _ => light(scene, method, in_waves) * f64::from(method.light_samples),
+    let small = scene.accel().is_small();
+    let (sample, vertex, ray, node, primitive) = match (integrator.has_wave(), small) {
+        (true, true) => (125.0, 70.0, 1.0, 0.0, 0.0),
+        (true, false) => (125.0, 70.0, 3.0, 0.65, 6.7),
+        (false, _) => (100.0, 180.0, 40.0, 48.0, 0.0),
     };
+    // Paths that go on in several ways wait for lanes, and draw from larger sets of points.
+    let ray = if method.splits > 1 { ray + 38.0 } else { ray };
     samples as f64 * sample
-        + counters.vertices as f64 * (vertex + lights)
+        + counters.vertices as f64 * vertex
+        + counters.light_samples as f64 * light_sample(scene, method, integrator.has_wave())
         + counters.rays as f64 * ray
         + counters.node_tests as f64 * node
         + counters.primitive_tests as f64 * primitive
 }
 
-/// Counted work of a hit's light samples, one of each light that is sampled, the rays left out.
-fn light(scene: &Scene, method: &Method, in_waves: bool) -> f64 {
+/// Counted work of a sample of a light; that of its ray is partly in here.
+fn light_sample(scene: &Scene, method: &Method, in_waves: bool) -> f64 {
     let facts = scene.facts();
     let by_area = matches!(method.light_sampling, Some(LightSampling::Area | LightSampling::Stratified));
     let point = match (in_waves, by_area) {
-        (true, _) if scene.lights().lone_rectangle().is_some() => 135.0,
-        (true, false) => 235.0,
-        (true, true) | (false, false) => 175.0,
-        (false, true) => 100.0,
+        (true, _) if scene.lights().lone_rectangle().is_some() => 88.0,
+        (true, true) => 137.0,
+        (true, false) => 162.0,
+        (false, true) => 50.0,
+        (false, false) => 70.0,
     };
-    match method.light_pick {
-        _ if facts.one_emitter => point,
-        Some(LightPick::Tree) | None => point + 60.0 * libm::log2(f64::from(facts.emitters.max(2))),
-        Some(LightPick::Power | LightPick::One) => point + 60.0,
-        Some(LightPick::All) => (point + 40.0) * f64::from(facts.lights),
-    }
+    let choice = match (method.light_pick, in_waves) {
+        _ if facts.one_emitter => 0.0,
+        (Some(LightPick::Tree) | None, true) => 12.0 + 20.0 * libm::log2(f64::from(facts.emitters.max(2))),
+        (Some(LightPick::Tree) | None, false) => 45.0 + 20.0 * libm::log2(f64::from(facts.emitters.max(2))),
+        (Some(LightPick::Power | LightPick::One), _) => 8.0,
+        (Some(LightPick::All), _) => 0.0,
+    };
+    point + choice
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ use crate::{
     math::Rgb,
     sampler::Sampler,
     scene::{Draft, Facts, Scene},
+    special::Without,
 };
 
 use pixel::{Pixel, Source};
@@ -62,7 +63,13 @@ impl Loaded {
     /// Build the acceleration structure. Its shape does not depend on the number of threads.
     #[must_use]
     pub fn build(self) -> Prepared {
-        Prepared(self.0.build())
+        self.build_without(Without::NOTHING)
+    }
+
+    /// The same with specialisations left unused: pictures have the same bytes, later.
+    #[must_use]
+    pub fn build_without(self, without: Without) -> Prepared {
+        Prepared(self.0.build(without))
     }
 }
 
@@ -79,6 +86,13 @@ impl Prepared {
     #[must_use]
     pub fn with_method(&self, old: &Method, method: &Method) -> Option<Self> {
         self.0.with_method(old, method).map(Self)
+    }
+
+    /// The same scene with specialisations left unused; `None` where it must be built anew for that
+    /// ([`Loaded::build_without`]).
+    #[must_use]
+    pub fn without(&self, without: Without) -> Option<Self> {
+        self.0.leaving(without).map(Self)
     }
 
     /// The scene itself, for measurements.

@@ -8,7 +8,12 @@ use std::path::PathBuf;
 
 use clap::Subcommand;
 
-use crate::error::Failure;
+use crate::{
+    chart::{BenchAutoArgs, bench_auto},
+    error::Failure,
+};
+
+pub(crate) use render::process_seconds;
 
 /// What to measure.
 #[derive(Debug, Subcommand)]
@@ -17,6 +22,8 @@ pub enum BenchCommand {
     Render(render::BenchRenderArgs),
     /// Build a scene's acceleration structure and trace rays of every kind, on one core and on all
     Rays(figures::BenchRaysArgs),
+    /// Hold what `--direct auto` chooses against the best choice that could be named, scene by scene
+    Auto(BenchAutoArgs),
 }
 
 /// What all measure with: a scene, and how the figures are told.
@@ -37,5 +44,6 @@ pub fn command(command: BenchCommand) -> Result<(), Failure> {
     match command {
         BenchCommand::Render(args) => render::command(args),
         BenchCommand::Rays(args) => figures::command(args),
+        BenchCommand::Auto(args) => bench_auto(&args),
     }
 }

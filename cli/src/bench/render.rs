@@ -15,10 +15,18 @@ use common::{
     tile::Rect,
 };
 use serde::Serialize;
-use tracer::{Prepared, RowResult, UnitRender};
+use tracer::{
+    Prepared, RowResult, UnitRender,
+    special::{Special, Without},
+};
 
 use super::Measured;
-use crate::{args::JobOptions, bundle::Bundle, error::Failure, output, print, request};
+use crate::{
+    args::{JobOptions, choice},
+    bundle::Bundle,
+    error::Failure,
+    output, print, request,
+};
 
 /// Samples of a pixel where nothing is asked for.
 const SAMPLES: u32 = 16;
@@ -38,6 +46,11 @@ pub struct BenchRenderArgs {
     /// Write the last picture here, linear Rec. 709, as a portable float map
     #[arg(short, long, value_name = "FILE.pfm")]
     pub output: Option<PathBuf>,
+    /// Leave specialisations of the code unused, by their names: the picture stays the same, and what they save is seen.
+    /// Some serve only where others are not used: attributes without waves, opacity without waves and attributes,
+    /// one-emitter without lamp, avx2 without avx512
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = choice(Special::ALL))]
+    pub general: Vec<Special>,
     /// What to render. The target is a number of samples [default: 16].
     #[command(flatten)]
     pub job: JobOptions,
@@ -96,7 +109,7 @@ pub fn command(mut args: BenchRenderArgs) -> Result<(), Failure> {
     let loaded = bundle.load(&request)?;
     let load_seconds = started.elapsed().as_secs_f64();
     let started = Instant::now();
-    let prepared = loaded.build();
+    let prepared = loaded.build_without(Without::all(&args.general));
     let build_seconds = started.elapsed().as_secs_f64();
 
     let [width, height] = settings.resolution;
@@ -189,7 +202,7 @@ fn picture(prepared: &Prepared, settings: &RenderSettings, samples: u32, threads
 }
 
 /// Processor seconds of this process so far.
-fn process_seconds() -> f64 {
+pub(crate) fn process_seconds() -> f64 {
     #[cfg(unix)]
     {
         let now = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);

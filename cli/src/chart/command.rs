@@ -260,7 +260,7 @@ fn chart(args: &ChartArgs) -> Result<Report, Failure> {
 
 /// The method that a reference is rendered with: our own in all that is a matter of estimation, the scene's and the
 /// user's in what light there is.
-fn careful((max_depth, only): (u32, Option<common::method::Only>), base: &MethodChoices) -> MethodChoices {
+pub(super) fn careful((max_depth, only): (u32, Option<common::method::Only>), base: &MethodChoices) -> MethodChoices {
     MethodChoices {
         max_depth: Some(max_depth),
         only: Some(only),
@@ -303,7 +303,7 @@ fn doubts(methods: &[Tried], references: &[Reference]) -> Vec<String> {
 }
 
 /// Where references are kept.
-fn cache(given: Option<&Path>) -> Result<PathBuf, Failure> {
+pub(super) fn cache(given: Option<&Path>) -> Result<PathBuf, Failure> {
     match given {
         Some(folder) => Ok(folder.into()),
         None => etcetera::choose_base_strategy().map(|strategy| strategy.cache_dir().join("tessera")).map_err(|_| {

@@ -4,6 +4,7 @@
 //! What is measured is processor time of rendering alone: reading the scene and building its trees are told apart.
 //! Methods take turns, so that whatever else the machine does falls on all alike.
 
+mod choice;
 mod command;
 mod gauge;
 mod methods;
@@ -15,4 +16,5 @@ mod study;
 #[cfg(test)]
 mod tests;
 
+pub use choice::{BenchAutoArgs, command as bench_auto};
 pub use command::{ChartArgs, command};

@@ -7,7 +7,7 @@ use common::{
     job::{JobId, JobRequest, Quality},
     method::{Adaptive, Direct, Method},
     pass::{BATCH, Work},
-    plan::Trial,
+    plan::{Facts, Trial},
     protocol::{RenderSettings, Unit, UnitId},
     tile::Rect,
 };
@@ -61,6 +61,26 @@ impl Stage {
             }
         }
         Ok(Self { settings, region, prepared, threads, most, build_seconds: started.elapsed().as_secs_f64() })
+    }
+
+    /// The same scene under another method, built once; `None` where it would have to be built anew.
+    #[must_use]
+    pub fn with_method(&self, method: &Method) -> Option<Self> {
+        let prepared = self.prepared.with_method(&self.settings.method, method)?;
+        let settings = RenderSettings { method: method.clone(), ..self.settings.clone() };
+        Some(Self { settings, prepared, ..*self })
+    }
+
+    /// What is in the scene.
+    #[must_use]
+    pub fn facts(&self) -> &Facts {
+        self.prepared.facts()
+    }
+
+    /// Work of a sample as the pilot counts it, about nanoseconds.
+    #[must_use]
+    pub fn counted_work(&self) -> f64 {
+        tracer::pilot::counted_work(&self.prepared, &self.settings, self.region)
     }
 
     /// The method, every choice made.

@@ -116,6 +116,46 @@ async fn with_the_coordinator_killed(folder: &Path) -> Vec<(String, Vec<u32>)> {
     pixels(&out.join("frame-0001.exr"))
 }
 
+/// A worker that dies while it tries methods for a job: another one tries them anew, with the same outcome.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_is_prepared_by_another_when_its_worker_is_killed() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = ["--resolution", "384x256", "--samples", "16", "--direct", "auto"];
+    let scene = repository("scenes/veach-plates.json").to_str().unwrap().to_string();
+    let alone = folder.path().join("alone.exr");
+    succeed(&[&["render", &scene, "-o", alone.to_str().unwrap(), "--threads", "1"], &job[..]].concat());
+    // Methods are tried for a fraction of a second: where that was over before the worker could be killed, once more.
+    for attempt in 0..10 {
+        let folder = folder.path().join(attempt.to_string());
+        let farm = Coordinator::start(&folder.join("data")).await;
+        let out = folder.join("out");
+        let submit = ["submit", &scene, "--watch", "-o", out.to_str().unwrap(), "--coordinator", &farm.url];
+        let mut submit = Process::start(&[&submit[..], &job[..]].concat());
+        let id = farm.the_job().await;
+        let mut victim = farm.worker("victim");
+        wait("a worker that holds a unit", async || {
+            let list: common::protocol::WorkerList = farm.get("/workers").await?;
+            list.workers.into_iter().find(|worker| worker.machine == "victim" && worker.leased > 0)
+        })
+        .await;
+        victim.kill();
+        let left = farm.job(id).await;
+        if left.plan.is_some() {
+            continue;
+        }
+        assert_eq!((left.samples, left.progress), (0, 0.0), "nothing is rendered before the method is known");
+        let _next = farm.worker("next");
+        assert_eq!(submit.code().await, 0, "{}", submit.log());
+        let done = farm.job(id).await;
+        assert_eq!(done.state, JobState::Completed);
+        assert!(done.plan.is_some_and(|plan| plan.untried.is_none()), "methods were tried");
+        assert_eq!(farm.named("victim").await.units, 0, "what it held came from another");
+        assert_same(&pixels(&alone), &pixels(&out.join("frame-0001.exr")));
+        return;
+    }
+    panic!("no worker was killed while it tried methods");
+}
+
 /// A worker that dies while it is the only one: its units come back when its heartbeats stop, and somebody
 /// who comes later renders them.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -33,11 +33,21 @@ pub struct Options {
     pub method: BuildMethod,
     /// Which instructions to use, of those that the processor has; else the fastest that it has.
     pub instructions: InstructionSet,
+    /// Whether many rays at once are held against few primitives without a tree.
+    pub few: bool,
+    /// Whether then two triangles that make a flat quadrilateral are one.
+    pub quads: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { test: TriangleTest::default(), method: BuildMethod::default(), instructions: InstructionSet::detect() }
+        Self {
+            test: TriangleTest::default(),
+            method: BuildMethod::default(),
+            instructions: InstructionSet::detect(),
+            few: true,
+            quads: true,
+        }
     }
 }
 
@@ -109,7 +119,7 @@ impl Accel {
     /// Build. Uses the threads of the current rayon pool; the result does not depend on their number.
     #[must_use]
     pub fn build_with(world: World, options: Options) -> Self {
-        let Options { test, method, instructions } = options;
+        let Options { test, method, instructions, few, quads } = options;
         let objects: Vec<Group> =
             world.objects.into_par_iter().map(|o| Group::build(o.shapes, method, Vec::new())).collect();
         let mut placements = Vec::new();
@@ -149,7 +159,8 @@ impl Accel {
             .into_iter()
             .find_map(|i| Some((i, i.prove()?)))
             .unwrap_or((InstructionSet::Portable, Proof::Portable(Portable)));
-        let few = (test == TriangleTest::Watertight && instances.is_empty()).then(|| world.few()).flatten();
+        let few = few && test == TriangleTest::Watertight && instances.is_empty();
+        let few = few.then(|| world.few(quads)).flatten();
         let places = few.as_ref().map_or(0, |_| world.primitives());
         let few_places = (0..places).map(|id| world.locate(id)).collect();
         Self { world, objects, instances, bounds, stats, test, instructions, proof, few, few_places }
@@ -477,7 +488,7 @@ impl Group {
     }
 
     /// Its primitives, where they are few and in no instance.
-    fn few(&self) -> Option<Few> {
+    fn few(&self, quads: bool) -> Option<Few> {
         if self.primitives() as usize > few::MOST_TRIANGLES + few::MOST_OTHERS {
             return None;
         }
@@ -493,7 +504,7 @@ impl Group {
                 }
             }
         }
-        Few::new(triangles, others)
+        Few::new(triangles, others, quads)
     }
 
     /// How many numbers are given to primitives, dropped ones too. Instances are numbered from here.

@@ -50,7 +50,8 @@ pub(super) struct Few {
 impl Few {
     /// `None` for too many. `triangles` are those that can be hit, with their numbers; `others` spheres and disks,
     /// with a sphere that holds each: centre and radius.
-    pub fn new(triangles: Vec<(u32, [[f32; 3]; 3])>, others: Vec<(u32, [f32; 4])>) -> Option<Self> {
+    /// Two triangles of a flat quadrilateral are one facet if `quads`.
+    pub fn new(triangles: Vec<(u32, [[f32; 3]; 3])>, others: Vec<(u32, [f32; 4])>, quads: bool) -> Option<Self> {
         if triangles.len() > MOST_TRIANGLES || others.len() > MOST_OTHERS {
             return None;
         }
@@ -61,7 +62,7 @@ impl Few {
         };
         let corners: Vec<[[f32; 3]; 3]> = triangles.iter().map(|(_, corners)| *corners).collect();
         let extent = corners.as_flattened().as_flattened().iter().fold(0.0f32, |most, x| most.max(x.abs()));
-        let facets = facet::of(&corners, extent);
+        let facets = facet::of(&corners, extent, quads);
         let places = triangles.iter().map(|(id, _)| *id).chain(others.iter().map(|(id, _)| *id)).max();
         let mut spared = vec![[0; 2]; places.map_or(0, |last| last as usize + 1)];
         for (bits, (id, _)) in facet::spared(&corners, &facets, extent).into_iter().zip(&triangles) {
@@ -158,6 +159,11 @@ struct Candidates {
 }
 
 impl FewRays {
+    /// The same room, run with these instructions from now on.
+    pub(crate) fn run_with(&mut self, proven: Proven) {
+        self.proven = proven;
+    }
+
     pub(crate) fn new(proven: Proven) -> Self {
         Self {
             proven,

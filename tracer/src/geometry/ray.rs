@@ -60,6 +60,8 @@ pub struct Counters {
     pub primitive_tests: u64,
     /// Vertices at which paths were shaded, to go on or to gather light.
     pub vertices: u64,
+    /// Samples of lights that were drawn at them.
+    pub light_samples: u64,
 }
 
 impl std::ops::AddAssign for Counters {
@@ -68,5 +70,6 @@ impl std::ops::AddAssign for Counters {
         self.node_tests += other.node_tests;
         self.primitive_tests += other.primitive_tests;
         self.vertices += other.vertices;
+        self.light_samples += other.light_samples;
     }
 }

@@ -55,6 +55,7 @@ impl Integrator<'_> {
                 sum += self.one_light::<FULL>(shading, &sample, splits, counters);
             });
         }
+        counters.light_samples += u64::from(drawn);
         if count == 1 { sum } else { sum / count as f32 }
     }
 
@@ -94,7 +95,7 @@ impl Integrator<'_> {
         } else {
             spawn(point.p, point.p_error, point.ng, light.wi)
         };
-        if FULL && self.scene.facts().opacity {
+        if FULL && self.masks {
             return brings * self.transmittance(ray, counters);
         }
         if self.scene.occluded(&ray, counters) { Rgb::ZERO } else { brings }

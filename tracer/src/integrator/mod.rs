@@ -30,6 +30,7 @@ use crate::{
     math::{Frame, Rgb, Vec2, Vec3, select},
     sampler::Stream,
     scene::{NO_EMITTER, Point, Scene},
+    special::{Special, Without},
 };
 
 pub use probe::{End, Probe, Vertex};
@@ -61,10 +62,15 @@ pub struct Integrator<'a> {
     /// Whether the choice of a light or of a primitive needs a number.
     choice: bool,
     kernel: Kernel,
+    /// Whether masks are looked for.
+    masks: bool,
+    /// Whether mirrors or smooth glass are.
+    deltas: bool,
     /// The only light there is, where it is a rectangle.
     lamp: Option<Lamp>,
     /// The lamp's triangles in a scene without a tree, and the square of its longest side.
     lamp_spared: (Spared, f32),
+    without: Without,
 }
 
 /// How direct light is estimated; [`Direct`] with `auto` decided.
@@ -159,6 +165,9 @@ impl<'a> Integrator<'a> {
     #[must_use]
     pub fn new(scene: &'a Scene, method: &Method) -> Self {
         let facts = scene.facts();
+        let without = scene.without();
+        let attributes = facts.attributes() || without.leaves(Special::Attributes);
+        let masks = facts.opacity || without.leaves(Special::Opacity);
         let counted = match method.only {
             None => (0, u32::MAX),
             Some(Only::Direct) => (1, 1),
@@ -179,10 +188,17 @@ impl<'a> Integrator<'a> {
             light_samples: method.light_samples,
             splits: method.splits.max(1),
             roulette: method.roulette,
-            choice: !facts.one_emitter,
-            kernel: if facts.attributes() || facts.opacity { Kernel::Full } else { Kernel::Plain },
-            lamp: scene.lights().lone_rectangle(),
-            lamp_spared: scene.lights().lone_rectangle().map_or(([0; 2], 0.0), |lamp| scene.lamp_spared(&lamp)),
+            choice: !facts.one_emitter || without.leaves(Special::OneEmitter),
+            kernel: if attributes || masks { Kernel::Full } else { Kernel::Plain },
+            masks,
+            deltas: facts.delta || without.leaves(Special::NoDeltas),
+            lamp: scene.lights().lone_rectangle().filter(|_| !without.leaves(Special::Lamp)),
+            lamp_spared: scene
+                .lights()
+                .lone_rectangle()
+                .filter(|_| !without.leaves(Special::Planes))
+                .map_or(([0; 2], 0.0), |lamp| scene.lamp_spared(&lamp)),
+            without,
         }
     }
 
@@ -214,7 +230,8 @@ impl<'a> Integrator<'a> {
         mut probe: Option<&mut dyn Probe>,
     ) -> Sample {
         let camera = self.scene.camera();
-        let u_lens = if camera.has_lens() { stream.two(dimension::LENS) } else { Vec2::ZERO };
+        let lens = camera.has_lens() || self.without.leaves(Special::Pinhole);
+        let u_lens = if lens { stream.two(dimension::LENS) } else { Vec2::ZERO };
         let ray = camera.ray(x, y, stream.two(dimension::FILM), u_lens);
         let mut walk = Walk {
             ray: Ray { origin: ray.origin, direction: ray.direction, t_max: ray.t_max },
@@ -328,7 +345,7 @@ impl<'a> Integrator<'a> {
         // end gives is counted there.
         let (depth, next) = (walk.depth, walk.depth + 1);
         let delta_only = next == self.max_depth && !self.direct.rays_find_light();
-        if delta_only && !self.scene.facts().delta {
+        if delta_only && !self.deltas {
             return Err(End::Depth);
         }
         let u_lobe = stream.one(dimension::at(depth, dimension::LOBE));
@@ -386,11 +403,7 @@ impl<'a> Integrator<'a> {
         counters: &mut Counters,
     ) -> Option<Hit> {
         let hit = self.scene.closest(ray, counters)?;
-        if FULL && self.scene.facts().opacity {
-            self.behind_masks(hit, ray, stream, dimension, counters)
-        } else {
-            Some(hit)
-        }
+        if FULL && self.masks { self.behind_masks(hit, ray, stream, dimension, counters) } else { Some(hit) }
     }
 
     #[inline(never)]

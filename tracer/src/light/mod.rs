@@ -18,6 +18,8 @@ mod spherical_triangle;
 pub mod textbook;
 mod tree;
 
+use std::sync::{Arc, OnceLock};
+
 use common::method::{LightPick, LightSampling, Method};
 
 pub use alias::AliasTable;
@@ -93,16 +95,20 @@ pub struct LightSources {
 }
 
 /// The lights of a scene, ready to be sampled. Lights are numbered: areas, then deltas, then the environment.
+///
+/// All but the last two is the same for every method, and shared.
 #[derive(Debug, Clone)]
 pub struct Lights {
-    emitters: Vec<Primitive>,
-    areas: Vec<Area>,
-    deltas: Vec<DeltaLight>,
-    environment: Option<Environment>,
+    emitters: Arc<[Primitive]>,
+    areas: Arc<[Area]>,
+    deltas: Arc<[DeltaLight]>,
+    environment: Option<Arc<Environment>>,
     /// Power of each light, W.
-    powers: Vec<f64>,
+    powers: Arc<[f64]>,
     /// Lights with any power.
-    live: Vec<u32>,
+    live: Arc<[u32]>,
+    /// The light tree, once a method has asked for it.
+    tree: Arc<OnceLock<Arc<TreeChoice>>>,
     choice: Choice,
     sampling: LightSampling,
 }
@@ -129,7 +135,7 @@ enum Choice {
     /// One light, the same chances everywhere.
     Table(AliasTable),
     /// One emitter or light, chances by place.
-    Tree(TreeChoice),
+    Tree(Arc<TreeChoice>),
 }
 
 /// What gives light.
@@ -165,45 +171,50 @@ impl Lights {
         let radius = if scene_radius > 0.0 { f64::from(scene_radius) } else { 1.0 };
         powers.extend(deltas.iter().map(|light| light.power(radius)));
         powers.extend(environment.iter().map(|environment| environment.power(radius)));
-        Self::of(emitters, areas, deltas, environment, powers, method)
+        let is_live = |&i: &u32| powers[i as usize] > 0.0 && powers[i as usize].is_finite();
+        let lights = Self {
+            live: (0..powers.len() as u32).filter(is_live).collect(),
+            emitters: emitters.into(),
+            areas: areas.into(),
+            deltas: deltas.into(),
+            environment: environment.map(Arc::new),
+            powers: powers.into(),
+            tree: Arc::default(),
+            choice: Choice::All,
+            sampling: LightSampling::SolidAngle,
+        };
+        lights.with_method(method)
     }
 
-    /// The same lights for another method.
+    /// The same lights for another method. What both need is shared, the light tree too.
     #[must_use]
     pub fn with_method(&self, method: &Method) -> Self {
-        let Self { emitters, areas, deltas, environment, powers, .. } = self.clone();
-        Self::of(emitters, areas, deltas, environment, powers, method)
+        let Self { emitters, areas, deltas, powers, live, .. } = self;
+        let pick = method.light_pick.unwrap_or_else(|| {
+            let is_simple = live.len() <= 1 && areas.iter().all(|area| area.table.len() <= 1);
+            if is_simple { LightPick::One } else { LightPick::Tree }
+        });
+        let choice = match pick {
+            LightPick::All => Choice::All,
+            LightPick::One => {
+                let equal: Vec<f64> =
+                    powers.iter().map(|&p| if p > 0.0 && p.is_finite() { 1.0 } else { 0.0 }).collect();
+                Choice::Table(AliasTable::new(&equal))
+            }
+            LightPick::Power => Choice::Table(AliasTable::new(powers)),
+            LightPick::Tree => {
+                let build = || Arc::new(TreeChoice::new(emitters, areas, deltas, live));
+                Choice::Tree(Arc::clone(self.tree.get_or_init(build)))
+            }
+        };
+        let sampling = method.light_sampling.unwrap_or(LightSampling::SolidAngle);
+        Self { choice, sampling, ..self.clone() }
     }
 
     /// Whether a picture surrounds the scene.
     #[must_use]
     pub fn has_picture(&self) -> bool {
-        matches!(self.environment, Some(Environment::Image(_)))
-    }
-
-    fn of(
-        emitters: Vec<Primitive>,
-        areas: Vec<Area>,
-        deltas: Vec<DeltaLight>,
-        environment: Option<Environment>,
-        powers: Vec<f64>,
-        method: &Method,
-    ) -> Self {
-        let live: Vec<u32> =
-            (0..powers.len() as u32).filter(|&i| powers[i as usize] > 0.0 && powers[i as usize].is_finite()).collect();
-        let equal: Vec<f64> = powers.iter().map(|&p| if p > 0.0 && p.is_finite() { 1.0 } else { 0.0 }).collect();
-        let pick = method.light_pick.unwrap_or_else(|| {
-            let is_simple = live.len() <= 1 && areas.iter().all(|area: &Area| area.table.len() <= 1);
-            if is_simple { LightPick::One } else { LightPick::Tree }
-        });
-        let choice = match pick {
-            LightPick::All => Choice::All,
-            LightPick::One => Choice::Table(AliasTable::new(&equal)),
-            LightPick::Power => Choice::Table(AliasTable::new(&powers)),
-            LightPick::Tree => Choice::Tree(TreeChoice::new(&emitters, &areas, &deltas, &live)),
-        };
-        let sampling = method.light_sampling.unwrap_or(LightSampling::SolidAngle);
-        Self { emitters, areas, deltas, environment, powers, live, choice, sampling }
+        matches!(self.environment.as_deref(), Some(Environment::Image(_)))
     }
 
     /// Number of the first emitter of the area light `index`; its primitives follow in order.
@@ -218,10 +229,10 @@ impl Lights {
         self.areas.len() + self.deltas.len() + usize::from(self.environment.is_some())
     }
 
-    /// Whether [`Lights::for_each`] gives at most one sample.
+    /// At most how many samples [`Lights::for_each`] gives.
     #[must_use]
-    pub fn has_one_sample(&self) -> bool {
-        !matches!(self.choice, Choice::All)
+    pub fn samples_at_once(&self) -> u32 {
+        if matches!(self.choice, Choice::All) { self.live.len() as u32 } else { 1 }
     }
 
     /// The only light there is, where it is one rectangle sampled by solid angle.
@@ -263,7 +274,7 @@ impl Lights {
                 }
             }
             Choice::All => {
-                for &light in &self.live {
+                for &light in self.live.iter() {
                     let (pick, u) = draw();
                     if let Some(sample) = self.sample_light(light, 1.0, alias::lengthen(pick, u), reference, u, stratum)
                     {
@@ -282,31 +293,46 @@ impl Lights {
         }
     }
 
-    /// [`Lights::for_each`] for up to [`crate::lanes::WIDTH`] hits at once, where [`Lights::has_one_sample`]: `query` gives the
-    /// reference and the numbers of each, `visit` takes its sample.
+    /// One sample of [`Lights::for_each`], of up to [`crate::lanes::WIDTH`] hits at once: `query` gives the reference and the
+    /// numbers of each, `visit` takes its sample. `round` counts the samples that a hit takes, all lights before the
+    /// next stratum of `strata`.
     pub(crate) fn for_all(
         &self,
         proven: Proven,
         n: usize,
+        (round, strata): (u32, u32),
         query: impl Fn(usize) -> (Reference, f32, Vec2),
         mut visit: impl FnMut(usize, Option<LightSample>),
     ) {
-        if let Choice::Tree(tree) = &self.choice {
-            let number = |i| {
-                let (reference, pick, u) = query(i);
-                (reference, alias::lengthen(pick, u))
-            };
-            tree.pick_all(proven, n, number, |i, chosen| {
-                let (reference, _, u) = query(i);
-                visit(i, chosen.and_then(|(source, p)| self.sample_source(source, p, &reference, u, Stratum::ONLY)));
-            });
-            return;
-        }
-        for i in 0..n {
-            let (reference, pick, u) = query(i);
-            let mut found = None;
-            self.for_each(&reference, Stratum::ONLY, || (pick, u), |sample| found = Some(sample));
-            visit(i, found);
+        let lights = self.samples_at_once().max(1);
+        let stratum = Stratum { index: round / lights, count: strata };
+        match &self.choice {
+            Choice::Tree(tree) => {
+                let number = |i| {
+                    let (reference, pick, u) = query(i);
+                    (reference, alias::lengthen(pick, u))
+                };
+                tree.pick_all(proven, n, number, |i, chosen| {
+                    let (reference, _, u) = query(i);
+                    visit(i, chosen.and_then(|(source, p)| self.sample_source(source, p, &reference, u, stratum)));
+                });
+            }
+            Choice::All => {
+                let light = self.live.get((round % lights) as usize);
+                for i in 0..n {
+                    let (reference, pick, u) = query(i);
+                    let of = |&light| self.sample_light(light, 1.0, alias::lengthen(pick, u), &reference, u, stratum);
+                    visit(i, light.and_then(of));
+                }
+            }
+            Choice::Table(_) => {
+                for i in 0..n {
+                    let (reference, pick, u) = query(i);
+                    let mut found = None;
+                    self.for_each(&reference, stratum, || (pick, u), |sample| found = Some(sample));
+                    visit(i, found);
+                }
+            }
         }
     }
 

@@ -17,10 +17,11 @@ use common::method::{self, Direct, Method};
 
 use crate::{
     camera::Camera,
-    geometry::{Accel, BuildMethod, Counters, Hit, Options, Ray, Spared, TriangleTest, World},
+    geometry::{Accel, BuildMethod, Counters, Hit, InstructionSet, Options, Ray, Spared, TriangleTest, World},
     light::{Lamp, Lights},
     material::{Flat, Material},
     math::{DAffine3, Rgb, Vec2, Vec3},
+    special::{Special, Without},
 };
 
 pub use common::plan::Facts;
@@ -46,6 +47,7 @@ pub struct Scene {
     lights: Lights,
     /// Where the world needs no tree, its primitives.
     records: Arc<[Record]>,
+    without: Without,
 }
 
 /// All of a scene but where its surfaces are and how its lights are sampled.
@@ -99,12 +101,26 @@ impl Draft {
         (&self.world, self.options)
     }
 
-    /// Build the acceleration structure.
+    /// Build the acceleration structure. The specialisations in `without` are left unused.
     #[must_use]
-    pub fn build(self) -> Scene {
-        let (accel, parts) = (Accel::build_with(self.world, self.options), self.scene);
+    pub fn build(mut self, without: Without) -> Scene {
+        let leaves = |special| without.leaves(special);
+        self.options.few &= !leaves(Special::Few);
+        self.options.quads &= !leaves(Special::Quads);
+        match (leaves(Special::Avx512), leaves(Special::Avx2), self.options.instructions) {
+            (_, true, InstructionSet::Avx512 | InstructionSet::Avx2) => {
+                self.options.instructions = InstructionSet::Sse2
+            }
+            (true, false, InstructionSet::Avx512) => self.options.instructions = InstructionSet::Avx2,
+            _ => {}
+        }
+        let mut parts = self.scene;
+        if leaves(Special::Lambert) {
+            parts.flats.iter_mut().for_each(|flat| flat.diffuse = None);
+        }
+        let accel = Accel::build_with(self.world, self.options);
         let records = record::of(&accel, &parts).into();
-        Scene { accel: Arc::new(accel), parts: Arc::new(parts), lights: self.lights, records }
+        Scene { accel: Arc::new(accel), parts: Arc::new(parts), lights: self.lights, records, without }
     }
 }
 
@@ -150,7 +166,28 @@ impl Scene {
             parts: Arc::clone(&self.parts),
             lights: self.lights.with_method(method),
             records: Arc::clone(&self.records),
+            without: self.without,
         })
+    }
+
+    /// The same scene with more specialisations left unused; `None` where it must be built anew for that.
+    #[must_use]
+    pub fn leaving(&self, without: Without) -> Option<Scene> {
+        let built = [Special::Few, Special::Quads, Special::Lambert, Special::Avx512, Special::Avx2];
+        let fits = self.without == Without::NOTHING && !built.iter().any(|special| without.leaves(*special));
+        fits.then(|| Scene {
+            accel: Arc::clone(&self.accel),
+            parts: Arc::clone(&self.parts),
+            lights: self.lights.clone(),
+            records: Arc::clone(&self.records),
+            without,
+        })
+    }
+
+    /// Specialisations that are left unused.
+    #[must_use]
+    pub fn without(&self) -> Without {
+        self.without
     }
 
     /// What the scene needs.
@@ -158,6 +195,12 @@ impl Scene {
     #[must_use]
     pub fn facts(&self) -> &Facts {
         &self.parts.facts
+    }
+
+    /// Whether Lambert's law with one colour is the whole of any material.
+    #[must_use]
+    pub fn has_lambert(&self) -> bool {
+        self.parts.flats.iter().any(|flat| flat.diffuse.is_some())
     }
 
     /// Where the surfaces are.

@@ -71,12 +71,12 @@ impl Round {
     }
 }
 
-/// The facets of triangles: those of two, then those of one, each by axis.
-pub(super) fn of(triangles: &[[[f32; 3]; 3]], extent: f32) -> [[Vec<Facet>; 3]; 2] {
+/// The facets of triangles: those of two, if there are to be any, then those of one, each by axis.
+pub(super) fn of(triangles: &[[[f32; 3]; 3]], extent: f32, quads: bool) -> [[Vec<Facet>; 3]; 2] {
     let mut facets: [[Vec<Facet>; 3]; 2] = Default::default();
     let mut k = 0;
     while k < triangles.len() {
-        let pair = triangles.get(k + 1).and_then(|next| Facet::quad(&triangles[k], next, k, extent));
+        let pair = triangles.get(k + 1).filter(|_| quads).and_then(|next| Facet::quad(&triangles[k], next, k, extent));
         let taken = if pair.is_some() { 2 } else { 1 };
         let (axis, facet) = pair.unwrap_or_else(|| Facet::triangle(&triangles[k], k));
         facets[2 - taken][axis].push(facet);

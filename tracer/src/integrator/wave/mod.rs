@@ -18,7 +18,7 @@ pub use state::Wave;
 
 use common::method::Roulette;
 
-use crate::lanes::{Flag, Lane, NO, YES, lanes_of, mask_of};
+use crate::lanes::{Flag, Lane, Lane3, NO, YES, lanes_of, mask_of};
 use state::{Came, Scatters};
 
 use super::{Integrator, Kernel, Sample, Strategy, dimension, power_heuristic, roulette::FIRST};
@@ -29,6 +29,7 @@ use crate::{
     math::{Rgb, Vec2, Vec3},
     sampler::{Batches, Sampler},
     scene::Point,
+    special::Special,
 };
 
 /// A sample, with the features of its first hit.
@@ -66,10 +67,7 @@ impl Integrator<'_> {
     /// Whether [`Integrator::wave`] renders this scene and method.
     #[must_use]
     pub fn has_wave(&self) -> bool {
-        self.kernel == Kernel::Plain
-            && self.direct != Strategy::Hemisphere
-            && self.light_samples == 1
-            && self.scene.lights().has_one_sample()
+        self.kernel == Kernel::Plain && self.direct != Strategy::Hemisphere && !self.without.leaves(Special::Waves)
     }
 
     /// The code that fits the scene, in words: what was left out is what these do not name.
@@ -83,10 +81,45 @@ impl Integrator<'_> {
         if self.has_wave() && self.scene.accel().is_small() {
             words.push("few primitives, no tree".into());
         }
-        if self.has_wave() && self.scene.lights().lone_rectangle().is_some() {
+        if self.has_wave() && self.lamp.is_some() {
             words.push("one rectangular lamp".into());
         }
         words
+    }
+
+    /// The specialisations that this scene and method use, with what else must be left out to see what each saves: some
+    /// serve only where others are not used.
+    #[must_use]
+    pub fn specialised(&self, sampler: &Sampler) -> Vec<(Special, Vec<Special>)> {
+        let (facts, waves) = (self.scene.facts(), self.has_wave());
+        let plain = self.kernel == Kernel::Plain;
+        let points = waves && sampler.is_plain();
+        let few = waves && self.scene.accel().is_small();
+        let pinhole = self.scene.camera().is_plain();
+        let lambert = waves && self.scene.has_lambert();
+        let ends_early = !facts.delta && self.direct == Strategy::Light;
+        let compiled = Compiled::detect();
+        let alone = |special| (special, Vec::new());
+        let single = |special| (special, if waves { vec![Special::Waves] } else { Vec::new() });
+        let all = [
+            (waves, alone(Special::Waves)),
+            (plain, single(Special::Attributes)),
+            (!facts.opacity && plain, (Special::Opacity, vec![Special::Waves, Special::Attributes])),
+            (!facts.opacity && !plain, alone(Special::Opacity)),
+            (few, alone(Special::Few)),
+            (few, alone(Special::Quads)),
+            (few, alone(Special::Planes)),
+            (waves && self.lamp.is_some(), alone(Special::Lamp)),
+            (facts.one_emitter && self.direct.samples_lights(), (Special::OneEmitter, vec![Special::Lamp])),
+            (lambert, alone(Special::Lambert)),
+            (pinhole, alone(Special::Pinhole)),
+            (points, alone(Special::Points)),
+            (points && self.roulette == Roulette::Throughput, alone(Special::Roulette)),
+            (ends_early, alone(Special::NoDeltas)),
+            (compiled == Compiled::Avx512, alone(Special::Avx512)),
+            (compiled != Compiled::Baseline, (Special::Avx2, vec![Special::Avx512])),
+        ];
+        all.into_iter().filter(|(used, _)| *used).map(|(_, special)| special).collect()
     }
 
     /// Samples `requests`, each (column, row, sample): the same as [`Integrator::sample`] for each, found by
@@ -102,6 +135,8 @@ impl Integrator<'_> {
         wave.begin(requests.len(), self.splits, features);
         let forked = sampler.forked(self.splits);
         let samplers = Samplers { whole: sampler, forked: &forked, batches: Batches::new(sampler, self.splits) };
+        wave.plain_points = sampler.is_plain() && !self.without.leaves(Special::Points);
+        wave.run_without(self.without);
         let mut next = 0;
         loop {
             if wave.forks.is_empty() {
@@ -154,12 +189,13 @@ impl Integrator<'_> {
             (fresh.x[i], fresh.y[i], fresh.key[i], fresh.index[i]) = (x as f32, y as f32, key, index);
         }
         let camera = self.scene.camera();
-        if camera.is_plain() && sampler.is_plain() {
+        if camera.is_plain() && wave.plain_points && !self.without.leaves(Special::Pinhole) {
             stages::camera_rays(wave.proven, &mut wave.fresh, n, camera, samplers.batches);
         } else {
             for (i, &[x, y, _]) in requests.iter().enumerate() {
                 let stream = sampler.resume(wave.fresh.key[i], wave.fresh.index[i]);
-                let u_lens = if camera.has_lens() { stream.two(dimension::LENS) } else { Vec2::ZERO };
+                let lens = camera.has_lens() || self.without.leaves(Special::Pinhole);
+                let u_lens = if lens { stream.two(dimension::LENS) } else { Vec2::ZERO };
                 let ray = camera.ray(x, y, stream.two(dimension::FILM), u_lens);
                 wave.fresh.origin.set(i, ray.origin);
                 wave.fresh.direction.set(i, ray.direction);
@@ -198,6 +234,7 @@ impl Integrator<'_> {
             t_max: &wave.t_max,
             spared: &wave.spared,
         };
+        let planes = !self.without.leaves(Special::Planes);
         let small = accel.closest_of(&mut wave.few, &rays, &mut wave.found, counters);
         (wave.emitters, wave.others) = (0, 0);
         for i in lanes_of(wave.active()) {
@@ -211,7 +248,7 @@ impl Integrator<'_> {
                     Some(corners) => {
                         (0..3).for_each(|k| wave.corners[k].set(i, corners[k]));
                         (wave.b1[i], wave.b2[i]) = (wave.found.b1[i], wave.found.b2[i]);
-                        wave.set_own(i, accel.spared(primitive));
+                        wave.set_own(i, if planes { accel.spared(primitive) } else { [0; 2] });
                     }
                     None => {
                         wave.set_own(i, [0; 2]);
@@ -288,25 +325,59 @@ impl Integrator<'_> {
         }
     }
 
-    /// Direct light: one sample of one light for each path.
+    /// Direct light: one sample of one light for each path, or as many as are asked for, a round each.
     fn wave_direct(&self, wave: &mut Wave, samplers: &Samplers, counters: &mut Counters) {
         stages::gather(wave.proven, wave, self.counted.0, self.counted.1);
-        wave.draw_two(samplers, dimension::LIGHT);
         let gathers = mask_of(&wave.gathers);
         if gathers == 0 {
             return;
         }
+        let rounds = self.light_samples * self.scene.lights().samples_at_once();
+        let deltas = lanes_of(gathers & wave.others).filter(|&i| wave.scatters[i] == Scatters::Delta).count();
+        counters.light_samples += u64::from(rounds) * (u64::from(gathers.count_ones()) - deltas as u64);
+        if rounds == 1 {
+            self.wave_direct_round(wave, samplers, 0, gathers, counters);
+            stages::add_light(wave.proven, wave);
+            return;
+        }
+        let keys = wave.key;
+        wave.sum = Lane3::ZERO;
+        for round in 0..rounds {
+            if round > 0 {
+                // As one path would: further samples of one decision come from point sets of their own.
+                for i in lanes_of(gathers) {
+                    wave.key[i] = keys[i];
+                    (wave.key[i], _) = wave.stream(samplers, i).split(round).parts();
+                }
+            }
+            self.wave_direct_round(wave, samplers, round, gathers, counters);
+            stages::sum_light(wave.proven, wave);
+        }
+        wave.key = keys;
+        stages::add_sum(wave.proven, wave, self.light_samples as f32);
+    }
+
+    /// Light sample number `round` of the paths in `gathers`: what it brings, and whether something is in between.
+    fn wave_direct_round(
+        &self,
+        wave: &mut Wave,
+        samplers: &Samplers,
+        round: u32,
+        gathers: u64,
+        counters: &mut Counters,
+    ) {
+        wave.draw_two(samplers, dimension::LIGHT);
         if let Some(lamp) = &self.lamp {
             stages::rectangle_light(wave.proven, wave, lamp);
             let imprecise = gathers & mask_of(&wave.infinite);
             if imprecise != 0 {
                 // The solid angle could not be told: by area, as one path would.
-                self.wave_light_samples(wave, samplers, imprecise);
+                self.wave_light_samples(wave, samplers, round, imprecise);
             }
         } else {
-            self.wave_light_samples(wave, samplers, gathers);
+            self.wave_light_samples(wave, samplers, round, gathers);
         }
-        stages::direct_diffuse(wave.proven, wave, self.direct == Strategy::Mis);
+        stages::direct_diffuse(wave.proven, wave, self.direct == Strategy::Mis, self.light_samples as f32);
         for i in lanes_of(gathers & wave.others) {
             match wave.scatters[i] {
                 Scatters::Diffuse => {}
@@ -337,11 +408,10 @@ impl Integrator<'_> {
                 wave.occluded[i] = Flag::from(accel.occluded(&rays.at(i), counters));
             }
         }
-        stages::add_light(wave.proven, wave);
     }
 
     /// Light samples of any kind, for the lanes in `gathers` whose material is no delta.
-    fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, gathers: u64) {
+    fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64) {
         let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
         for i in lanes_of(gathers) {
             wave.lit[i] = NO;
@@ -359,7 +429,7 @@ impl Integrator<'_> {
             *reference = (Reference { p: wave.p.at(i), n: wave.n_reflecting.at(i) }, u);
         }
         let query = |k: usize| (references[k].0, picks[k], references[k].1);
-        self.scene.lights().for_all(wave.proven, n, query, |k, sample| {
+        self.scene.lights().for_all(wave.proven, n, (round, self.light_samples), query, |k, sample| {
             if let Some(light) = sample {
                 wave.set_light(lanes[k], &light);
             }
@@ -389,8 +459,11 @@ impl Integrator<'_> {
         }
         let delta = wave.light_pdf[i] < 0.0;
         let pdf = wave.light_pdf[i].abs();
-        let weight =
-            if self.direct == Strategy::Mis && !delta { power_heuristic(pdf, wave.ways[i] * eval.pdf) } else { 1.0 };
+        let weight = if self.direct == Strategy::Mis && !delta {
+            power_heuristic(self.light_samples as f32 * pdf, wave.ways[i] * eval.pdf)
+        } else {
+            1.0
+        };
         let brings = eval.f_cos * wave.light_radiance.at(i) * (weight / pdf);
         wave.lit[i] = Flag::from(brings != Rgb::ZERO);
         wave.brings.set(i, brings);
@@ -413,7 +486,7 @@ impl Integrator<'_> {
             let scatters = wo_z > 0.0 || wo_z < 0.0 && wave.two_sided[i] == YES;
             let absorbed = !scatters || wave.throughput.at(i) == Rgb::ZERO;
             let black = wave.depth[i] == 0 && wave.reflectance.at(i) == Rgb::ZERO;
-            let unasked = wave.depth[i] + 1 == last && !self.scene.facts().delta;
+            let unasked = wave.depth[i] + 1 == last && !self.deltas;
             wave.end(i, absorbed && black && !unasked);
         }
         if wave.others != 0 {
@@ -421,7 +494,8 @@ impl Integrator<'_> {
                 self.wave_scatter_other(wave, samplers, came, i);
             }
         }
-        if self.roulette == Roulette::Throughput && samplers.whole.is_plain() {
+        let plain = wave.plain_points && !self.without.leaves(Special::Roulette);
+        if self.roulette == Roulette::Throughput && plain {
             stages::roulette(wave.proven, wave, FIRST, samplers.batches);
             for i in lanes_of(mask_of(&wave.ended)) {
                 wave.end(i, false);
@@ -436,7 +510,7 @@ impl Integrator<'_> {
     fn wave_scatter_other(&self, wave: &mut Wave, samplers: &Samplers, came: Came, i: usize) {
         let depth = wave.depth[i];
         let last = depth + 1 == self.max_depth && !self.direct.rays_find_light();
-        if last && !self.scene.facts().delta {
+        if last && !self.deltas {
             return wave.end(i, false);
         }
         let bsdf = self.wave_material(wave, i).bsdf(Vec2::ZERO);

@@ -119,8 +119,8 @@ stage! {
 }
 
 stage! {
-    /// What light samples bring by way of Lambert's law.
-    pub(super) fn direct_diffuse(w: &mut Wave, mis: bool) {
+    /// What light samples bring by way of Lambert's law; a hit takes `light_samples` of each light that it samples.
+    pub(super) fn direct_diffuse(w: &mut Wave, mis: bool, light_samples: f32) {
         for i in 0..covering(w.n) {
             let diffuse = w.scatters[i] as u32 == Scatters::Diffuse as u32;
             let frame = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: w.ng.at(i) };
@@ -132,7 +132,7 @@ stage! {
             let scatter_pdf = wi.z.abs() * INV_PI;
             let f_cos = w.reflectance.at(i) * scatter_pdf;
             let (signed, pdf) = (w.light_pdf[i], w.light_pdf[i].abs());
-            let weight = select(mis & (signed > 0.0), power_heuristic(pdf, w.ways[i] * scatter_pdf), 1.0);
+            let weight = select(mis & (signed > 0.0), power_heuristic(light_samples * pdf, w.ways[i] * scatter_pdf), 1.0);
             let brings = f_cos * w.light_radiance.at(i) * (weight / pdf);
             let some = (brings.x != 0.0) | (brings.y != 0.0) | (brings.z != 0.0);
             let lit = (w.gathers[i] & w.lit[i] == YES) & (!diffuse | (transmission == passes) & above & some);
@@ -171,6 +171,28 @@ stage! {
             let radiance = w.radiance.at(i);
             let sum = radiance + w.throughput.at(i) * w.brings.at(i);
             w.radiance.set(i, select3(arrives, sum, radiance));
+        }
+    }
+}
+
+stage! {
+    /// Sum up what light samples bring where nothing is in between.
+    pub(super) fn sum_light(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let arrives = (w.lit[i] == YES) & (w.occluded[i] == NO);
+            let sum = w.sum.at(i);
+            w.sum.set(i, select3(arrives, sum + w.brings.at(i), sum));
+        }
+    }
+}
+
+stage! {
+    /// Add the sum, `count` rounds over all lights that are sampled.
+    pub(super) fn add_sum(w: &mut Wave, count: f32) {
+        for i in 0..covering(w.n) {
+            let (sum, radiance) = (w.sum.at(i), w.radiance.at(i));
+            let some = (sum.x != 0.0) | (sum.y != 0.0) | (sum.z != 0.0);
+            w.radiance.set(i, select3(some, radiance + w.throughput.at(i) * (sum / count), radiance));
         }
     }
 }

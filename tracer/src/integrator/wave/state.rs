@@ -9,6 +9,7 @@ use crate::{
     math::{Frame, Rgb, Vec3},
     sampler::Stream,
     scene::{NO_EMITTER, Record},
+    special::{Special, Without},
 };
 
 /// Whether a path is one that only the way it came finds light, or has also had light sampled for it.
@@ -36,6 +37,10 @@ pub(super) enum Scatters {
 #[derive(Debug)]
 pub struct Wave {
     pub(super) proven: Proven,
+    /// The instructions that it was made for.
+    made_for: Proven,
+    /// Whether numbers of all lanes are drawn at once.
+    pub(super) plain_points: bool,
     /// Lanes in use.
     pub(super) n: usize,
     /// A bit for each of them that has no path.
@@ -109,6 +114,8 @@ pub struct Wave {
     pub(super) light_pdf: Lane<f32>,
     pub(super) infinite: Lane<Flag>,
     pub(super) brings: Lane3,
+    /// Of several light samples, what arrived.
+    pub(super) sum: Lane3,
     pub(super) shadow_origin: Lane3,
     pub(super) shadow_direction: Lane3,
     pub(super) shadow_t_max: Lane<f32>,
@@ -176,6 +183,8 @@ impl Wave {
         let (zero, zeros) = ([0.0; WIDTH], Lane3::ZERO);
         Some(Box::new(Self {
             proven,
+            made_for: proven,
+            plain_points: false,
             n: 0,
             idle: u64::MAX,
             slot: [0; WIDTH],
@@ -240,6 +249,7 @@ impl Wave {
             light_pdf: zero,
             infinite: [NO; WIDTH],
             brings: zeros,
+            sum: zeros,
             shadow_origin: zeros,
             shadow_direction: zeros,
             shadow_t_max: zero,
@@ -277,6 +287,17 @@ impl Wave {
         // Stages look at as many lanes as there are paths: what the wave before left in the others must not be seen.
         (self.alive, self.ended, self.gathers, self.lit) = ([NO; WIDTH], [NO; WIDTH], [NO; WIDTH], [NO; WIDTH]);
         self.idle = if self.n == WIDTH { u64::MAX } else { (1 << self.n) - 1 };
+    }
+
+    /// Use the instructions that it was made for, but for those that are left out.
+    pub(super) fn run_without(&mut self, without: Without) {
+        let fewer = match (without.leaves(Special::Avx512), without.leaves(Special::Avx2), self.made_for.compiled()) {
+            (_, true, _) => Proven::new(Compiled::Baseline),
+            (true, false, Compiled::Avx512) => Proven::new(Compiled::Avx2),
+            _ => None,
+        };
+        self.proven = fewer.unwrap_or(self.made_for);
+        self.few.run_with(self.proven);
     }
 
     /// A bit for each lane that has a path.
@@ -457,7 +478,7 @@ impl Wave {
 
     /// A pair of numbers for each path, into `u`: those of decision `which` at its vertex.
     pub(super) fn draw_two(&mut self, samplers: &Samplers, which: u32) {
-        if samplers.whole.is_plain() {
+        if self.plain_points {
             stages::draw_two(self.proven, self, which, samplers.batches);
         } else {
             for i in lanes_of(self.active()) {

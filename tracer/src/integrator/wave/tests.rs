@@ -96,7 +96,8 @@ fn compare(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled:
             bright += usize::from(expected.radiance != Rgb::ZERO);
         }
     }
-    assert_eq!(counters.rays, expected_counters.rays, "{name}");
+    let (of_light, expected_of_light) = (counters.light_samples, expected_counters.light_samples);
+    assert_eq!((counters.rays, of_light), (expected_counters.rays, expected_of_light), "{name}");
     bright
 }
 
@@ -137,6 +138,12 @@ fn every_sample_has_the_bits_of_one_path_alone() {
     add("direct", &|m| m.only = Some(Only::Direct));
     add("indirect", &|m| m.only = Some(Only::Indirect));
     add("area", &|m| (m.light_sampling, m.light_pick) = (Some(LightSampling::Area), Some(LightPick::Power)));
+    add("all lights", &|m| (m.light_pick, m.max_depth) = (Some(LightPick::All), 3));
+    add("three samples", &|m| m.light_samples = 3);
+    add("strata of all lights", &|m| {
+        (m.light_pick, m.light_sampling) = (Some(LightPick::All), Some(LightSampling::Stratified));
+        (m.light_samples, m.max_depth) = (2, 2);
+    });
     add("independent", &|m| m.sampler = Kind::Independent);
     add("stratified", &|m| m.sampler = Kind::Stratified);
     for (lamp, lights) in &lamps {
