@@ -125,13 +125,11 @@ struct Question {
     /// Whether pixels that vary far more than most count as if they did not: of methods that find rare light in the same
     /// way, a trial's few rare samples say nothing.
     robust: bool,
-    /// Whether the first way is taken unless it is seen to be worse: it is the better guess.
-    favoured: bool,
 }
 
 impl Question {
     fn of(ways: Vec<Change>) -> Self {
-        Self { ways, climbs: false, robust: false, favoured: false }
+        Self { ways, climbs: false, robust: false }
     }
 }
 
@@ -167,9 +165,8 @@ fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Question> {
         all.push(Question { climbs: true, ..Question::of(ways) });
     }
     if named.splits.is_none() && first.max_depth > 1 {
-        let way = |splits| -> Change { Box::new(move |m| m.splits = splits) };
-        // What is worth less with four ways shows soon: it costs more and finds no more. What is worth more is often rare.
-        all.push(Question { ways: [4, 8, 16].map(way).into(), climbs: true, robust: true, favoured: true });
+        // On every scene measured four ways are the best of 1, 2, 4, 8 and 16, or one is.
+        all.push(Question { robust: true, ..Question::of(vec![Box::new(|m| m.splits = 4)]) });
     }
     all
 }
@@ -330,15 +327,14 @@ impl<'a> Pilot<'a> {
         all.push(best.clone());
         for question in questions {
             let most = if question.robust { best.usual() } else { f64::INFINITY };
-            for (index, change) in question.ways.iter().enumerate() {
-                let favoured = question.favoured && index == 0;
+            for change in &question.ways {
                 let mut method = best.method.clone();
                 change(&mut method);
                 if label(&method, facts) == label(&best.method, facts) {
                     continue;
                 }
                 let Some(mut tried) = self.look(&method, 0..few, &mut scales, false) else { continue };
-                if !favoured && best.first_look(most) < HOPELESS * tried.first_look(most) {
+                if !question.robust && best.first_look(most) < HOPELESS * tried.first_look(most) {
                     all.push(tried);
                     if question.climbs {
                         break;
@@ -349,10 +345,11 @@ impl<'a> Pilot<'a> {
                 tried.add(&rest);
                 let (gain, error) = tried.gain(&best, most);
                 all.push(tried.clone());
-                let leaves_mis = best.method.direct == Direct::Mis && tried.method.direct != Direct::Mis;
+                // A sky of one colour hides nothing from chance.
+                let plain_sky = !facts.area_lights && !self.prepared.scene().lights().has_picture();
+                let leaves_mis = best.method.direct == Direct::Mis && tried.method.direct != Direct::Mis && !plain_sky;
                 let significance = if leaves_mis { SIGNIFICANCE_WITHOUT_MIS } else { SIGNIFICANCE };
-                let better = gain > GAIN && gain > significance * error;
-                if better || favoured && gain > -error {
+                if gain > GAIN && gain > significance * error {
                     best = tried;
                 } else if question.climbs {
                     break;

@@ -45,6 +45,7 @@ const TABLE: &[(&str, &str, i32, &str)] = &[
     ("coverage", "--only batches --trials 20 --quick --scenes SCENES -o coverage", 0, "/bounds"),
     ("bench render", "good.json --runs 1 --samples 1", 0, "/median/rays"),
     ("bench rays", "good.json --runs 1", 0, "/rays/0/mrays"),
+    ("bench auto", "good.json --seeds 3 --samples 16 --cache cache", 0, "/0/ratio"),
     ("config", "", 0, ""),
 ];
 /// What runs until it is ended, is no result, or is JSON in any case.
