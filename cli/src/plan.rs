@@ -49,7 +49,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
 
 fn trial(bundle: &Bundle, request: &JobRequest, resolution: [u32; 2]) -> Result<Trial, Failure> {
     let named = request.method.clone().or(&bundle.scene.settings.method);
-    Ok(Trial { region: request.region(resolution)?, named })
+    Ok(Trial { region: request.region(resolution)?, named, quality: Some(request::quality_of(request, bundle)) })
 }
 
 /// The plan of the job that `request` asks for.

@@ -57,10 +57,16 @@ pub fn method_of(request: &JobRequest, bundle: &Bundle) -> Method {
 /// A target and a method that contradict each other.
 pub fn settings(request: &JobRequest, bundle: &Bundle) -> Result<RenderSettings, Failure> {
     let method = method_of(request, bundle);
-    let quality = request.quality.clone().or_else(|| bundle.scene.settings.quality.clone()).unwrap_or_default();
+    let quality = quality_of(request, bundle);
     let batch = coordinator::plan::Rule::of(&quality, &method)?.batch();
     let (frame, resolution) = (first_frame(request, bundle), bundle.resolution(request));
     Ok(RenderSettings { frame, resolution, method, seed: request.seed, batch })
+}
+
+/// The target of a request: its own, or else the scene's.
+#[must_use]
+pub fn quality_of(request: &JobRequest, bundle: &Bundle) -> Quality {
+    request.quality.clone().or_else(|| bundle.scene.settings.quality.clone()).unwrap_or_default()
 }
 
 /// The target asked for; `None` leaves it to the scene, or to the job that is continued.

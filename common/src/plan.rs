@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    job::Quality,
     method::{Direct, LightPick, LightSampling, Method, MethodChoices, Roulette},
     tile::Rect,
 };
@@ -93,6 +94,10 @@ pub struct Trial {
     pub region: Rect,
     /// Choices that were made already.
     pub named: MethodChoices,
+    /// What is asked of the picture, where that is known. A number of samples is a price: methods that make a sample dearer are
+    /// not tried. An error is reached by no pixel with fewer samples than it gets in any case.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Quality>,
 }
 
 /// A method and what it costs, as far as it was tried.
@@ -103,7 +108,7 @@ pub struct Considered {
     /// Samples taken of it.
     pub samples: u64,
     /// Variance of one sample's luminance relative to luminance^2 + 0.01, mean over pixels, as its share of the
-    /// mean of a batch tells it.
+    /// mean of a batch tells it; where an error is asked for, at least what any pixel's first samples bring down to that.
     pub variance: f64,
     /// Counted work of a sample, about nanoseconds of one core.
     pub cost: f64,

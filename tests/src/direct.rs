@@ -75,7 +75,7 @@ pub fn render_by_auto(name: &str, scene: &SceneFile, samples: u32) -> (Picture, 
     let settings = settings(scene, named.clone().resolve(), samples);
     let prepared = load(name, scene, &settings.method).build();
     let region = Rect::frame(scene.film.width, scene.film.height);
-    let plan = tracer::pilot::choose(&prepared, &settings, &Trial { region, named });
+    let plan = tracer::pilot::choose(&prepared, &settings, &Trial { region, named, quality: None });
     let chosen = prepared.with_method(&settings.method, &plan.method).expect("a pilot changes no geometry");
     (picture(&chosen, &RenderSettings { method: plan.method.clone(), ..settings }, samples), plan)
 }

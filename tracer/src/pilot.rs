@@ -9,6 +9,8 @@
 use std::ops::Range;
 
 use common::{
+    adaptive,
+    job::Quality,
     luminance,
     method::{Direct, LightPick, LightSampling, Method, Roulette},
     plan::{Considered, Facts, LEAST_PIXELS, MethodPlan, RuledOut, Trial, label},
@@ -86,7 +88,7 @@ pub fn choose(prepared: &Prepared, settings: &RenderSettings, trial: &Trial) -> 
 /// Work of a sample of the method of `settings`, as a pilot counts it.
 #[must_use]
 pub fn counted_work(prepared: &Prepared, settings: &RenderSettings, region: Rect) -> f64 {
-    let trial = Trial { region, named: Default::default() };
+    let trial = Trial { region, named: Default::default(), quality: None };
     let pilot = Pilot::new(prepared, settings, &trial);
     let count = pilot.pixels.len();
     let tried = pilot.look(&settings.method, 0..count, &mut vec![1.0; count], false);
@@ -160,6 +162,9 @@ fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Question> {
     if named.light_sampling.is_none() && facts.area_lights {
         all.push(Question::of(vec![Box::new(|m| m.light_sampling = Some(LightSampling::Area))]));
     }
+    if counted(trial) {
+        return all;
+    }
     if named.light_samples.is_none() && (facts.area_lights || facts.environment || facts.lights > 1) {
         let ways: Vec<Change> = vec![Box::new(|m| m.light_samples = 2), Box::new(|m| m.light_samples = 4)];
         all.push(Question { climbs: true, ..Question::of(ways) });
@@ -169,6 +174,23 @@ fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Question> {
         all.push(Question { robust: true, ..Question::of(vec![Box::new(|m| m.splits = 4)]) });
     }
     all
+}
+
+/// Whether a number of samples is asked for.
+fn counted(trial: &Trial) -> bool {
+    matches!(trial.quality, Some(Quality::Samples { .. }))
+}
+
+/// The variance of a sample relative to the square of the luminance below which a pixel is done with the samples that it gets
+/// in any case: less variance saves nothing there.
+fn least_variance(trial: &Trial, batch: u32) -> f64 {
+    match trial.quality {
+        Some(Quality::Noise { relative_error, confidence, .. }) => {
+            let error = relative_error / adaptive::normal_quantile(0.5 + 0.5 * confidence);
+            f64::from(adaptive::PILOT_BATCHES * batch) * error * error
+        }
+        _ => 0.0,
+    }
 }
 
 /// Ways to estimate light that are not tried, each with why: the facts or the user rule them out.
@@ -208,7 +230,9 @@ pub fn ruled_out(facts: &Facts, trial: &Trial) -> Vec<RuledOut> {
     } else {
         add("area, stratified, solid-angle", "no light has a surface");
     }
-    if named.light_samples.is_some() {
+    if counted(trial) {
+        add("light-samples and splits above 1", "a number of samples is asked for, and they would make each dearer");
+    } else if named.light_samples.is_some() {
         add("other numbers of light samples", "one is named");
     } else if !(facts.area_lights || facts.environment || facts.lights > 1) {
         add("light-samples above 1", "one sample of the only light tells all");
@@ -297,11 +321,14 @@ struct Pilot<'a> {
     pixels: Vec<[u32; 2]>,
     /// Pixels of a first look.
     few: usize,
+    /// See [`least_variance`].
+    least_variance: f64,
 }
 
 impl<'a> Pilot<'a> {
     fn new(prepared: &'a Prepared, settings: &'a RenderSettings, trial: &Trial) -> Self {
         let region = trial.region;
+        let least_variance = least_variance(trial, settings.batch);
         let samples = (region.area() * SHARE).min(MOST);
         // Of whole groups, so that a second look goes on where the first ended.
         let few = (samples / (LOOKS * SAMPLES as usize)).next_multiple_of(FIRST_GROUPS).max(FIRST_GROUPS);
@@ -313,7 +340,7 @@ impl<'a> Pilot<'a> {
         let pixel = |i| {
             [region.x + place(i, 0.754_877_666_246_693, region.w), region.y + place(i, 0.569_840_290_998_053, region.h)]
         };
-        Self { prepared, settings, pixels: (0..few * GROUPS / FIRST_GROUPS).map(pixel).collect(), few }
+        Self { prepared, settings, pixels: (0..few * GROUPS / FIRST_GROUPS).map(pixel).collect(), few, least_variance }
     }
 
     fn run(&self, first: Method, questions: &[Question]) -> (Method, Vec<Considered>) {
@@ -397,7 +424,7 @@ impl<'a> Pilot<'a> {
                 if set {
                     *scale = 1.0 / (mean * mean + 0.01);
                 }
-                tried.variances.push(variance * *scale);
+                tried.variances.push((variance * *scale).max(self.least_variance));
                 pixel += 1;
             }
             counters += *counted;
@@ -504,7 +531,7 @@ mod tests {
 
     fn plan_for(scene: &SceneFile, method: &Method, named: MethodChoices) -> MethodPlan {
         let region = Rect::frame(scene.film.width, scene.film.height);
-        choose(&prepare(scene, method), &settings(scene, method, 16), &Trial { region, named })
+        choose(&prepare(scene, method), &settings(scene, method, 16), &Trial { region, named, quality: None })
     }
 
     fn plan(scene: &SceneFile) -> MethodPlan {
@@ -537,6 +564,22 @@ mod tests {
             // A first look at few pixels may flatter what a second found no better.
             assert!(plan.considered.iter().all(|tried| tried.efficiency < 1.3), "{plan:?}");
         }
+    }
+
+    #[test]
+    fn paths_split_where_that_pays_for_what_is_asked() {
+        let sky = scene(json!({ "environment": { "type": "constant", "radiance": 1 } }));
+        let splits = |quality: Option<Quality>| {
+            let region = Rect::frame(sky.film.width, sky.film.height);
+            let trial = Trial { region, named: MethodChoices::default(), quality };
+            let method = Method::default();
+            choose(&prepare(&sky, &method), &settings(&sky, &method, 16), &trial).method.splits
+        };
+        let noise = |relative_error| Quality::Noise { relative_error, confidence: 0.95, max_samples: 4096 };
+        assert!(splits(None) > 1, "more ways are spread more evenly, and share a camera ray");
+        assert!(splits(Some(noise(1e-4))) > 1);
+        assert_eq!(splits(Some(noise(0.5))), 1, "the first samples do for that");
+        assert_eq!(splits(Some(Quality::Samples { samples: 64 })), 1, "a number of samples is a price");
     }
 
     #[test]

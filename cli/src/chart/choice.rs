@@ -246,7 +246,7 @@ fn pilot_seconds(bundle: &mut Bundle, request: &JobRequest) -> Result<f64, Failu
     let settings = request::settings(request, bundle)?;
     let prepared = bundle.load(request)?.build();
     let named = request.method.clone().or(&bundle.scene.settings.method);
-    let trial = Trial { region: request.region(settings.resolution)?, named };
+    let trial = Trial { region: request.region(settings.resolution)?, named, quality: None };
     let before = process_seconds();
     let _ = tracer::pilot::choose(&prepared, &settings, &trial);
     Ok(process_seconds() - before)

@@ -55,7 +55,7 @@ impl Stage {
         if settings.method.direct == Direct::Auto {
             // As a worker does before a job.
             let named = request.method.clone().or(&bundle.scene.settings.method);
-            let plan = tracer::pilot::choose(&prepared, &settings, &Trial { region, named });
+            let plan = tracer::pilot::choose(&prepared, &settings, &Trial { region, named, quality: None });
             if let Some(chosen) = prepared.with_method(&settings.method, &plan.method) {
                 (prepared, settings.method) = (chosen, plan.method);
             }

@@ -408,7 +408,7 @@ fn workers_of_another_build_get_no_lease_of_a_pinned_job() {
 #[test]
 fn a_job_is_prepared_before_anything_is_rendered_whoever_is_lost_at_it() {
     let mut bench = Bench::new(1);
-    let prepare = Some(Trial { region: Rect::frame(64, 32), named: MethodChoices::default() });
+    let prepare = Some(Trial { region: Rect::frame(64, 32), named: MethodChoices::default(), quality: None });
     bench.apply(Event::Submit(JobSpec {
         id: JobId(1),
         scene: AssetHash::of(b""),
@@ -449,7 +449,7 @@ fn a_job_is_prepared_before_anything_is_rendered_whoever_is_lost_at_it() {
 #[test]
 fn a_job_that_cannot_be_prepared_fails_and_says_so() {
     let mut bench = Bench::new(1);
-    let prepare = Some(Trial { region: Rect::frame(64, 32), named: MethodChoices::default() });
+    let prepare = Some(Trial { region: Rect::frame(64, 32), named: MethodChoices::default(), quality: None });
     bench.submit(1, 1, 50);
     bench.farm.jobs.get_mut(&JobId(1)).unwrap().spec.prepare = prepare;
     let worker = bench.join("a", 1);

@@ -98,7 +98,7 @@ impl Service {
         let method = named.clone().resolve();
         // A method that is named needs no trial, and a frame that is small is not worth one.
         let open = method.direct == Direct::Auto && region.area() >= LEAST_PIXELS;
-        let prepare = open.then_some(Trial { region, named });
+        let prepare = open.then(|| Trial { region, named, quality: Some(quality.clone()) });
         let rule = Rule::of(&quality, &method)?;
         let name = request.name.filter(|name| !name.is_empty()).unwrap_or(scene.name().into());
         let record = JobRecord {
