@@ -86,30 +86,38 @@ impl TreeChoice {
     }
 
     /// [`TreeChoice::pick`] for up to [`WIDTH`] references at once: `query` gives that of a place, with its number, and
-    /// `chosen` takes what was chosen for it.
+    /// `chosen` takes what was chosen for it, all after `soon` has been told of all.
     pub(super) fn pick_all(
         &self,
         proven: Proven,
         n: usize,
         mut query: impl FnMut(usize) -> (Reference, f64),
+        soon: impl Fn(Source),
         mut chosen: impl FnMut(usize, Option<(Source, f32)>),
     ) {
         let mut walks = [Walk::NONE; WIDTH];
-        let mut beside = [None; WIDTH];
+        let mut found = [None; WIDTH];
         let n = n.min(WIDTH);
         for i in 0..n {
             let (reference, u) = query(i);
             match self.part(u) {
-                Part::Beside(source) => beside[i] = Some((source, self.share)),
+                Part::Beside(source) => found[i] = Some((source, self.share)),
                 Part::Tree(within) => walks[i] = Walk::new(reference.p, reference.n, within),
             }
         }
         if let Some(tree) = &self.tree {
             tree::sample_all(proven, tree, &mut walks[..n]);
         }
-        for (i, (walk, beside)) in walks.iter().zip(beside).enumerate().take(n) {
-            let found = |(light, probability): (u32, f32)| (self.sources[light as usize], self.share * probability);
-            chosen(i, beside.or(walk.found.map(found)));
+        for (walk, found) in walks.iter().zip(&mut found).take(n) {
+            if let Some((light, probability)) = walk.found {
+                *found = Some((self.sources[light as usize], self.share * probability));
+            }
+            if let Some((source, _)) = *found {
+                soon(source);
+            }
+        }
+        for (i, &found) in found.iter().enumerate().take(n) {
+            chosen(i, found);
         }
     }
 

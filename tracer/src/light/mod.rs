@@ -31,6 +31,7 @@ pub use tree::group_importance;
 
 use self::choice::TreeChoice;
 use crate::{
+    geometry::prefetch,
     lanes::Proven,
     math::{Rgb, Vec2, Vec3, select},
 };
@@ -312,7 +313,12 @@ impl Lights {
                     let (reference, pick, u) = query(i);
                     (reference, alias::lengthen(pick, u))
                 };
-                tree.pick_all(proven, n, number, |i, chosen| {
+                let soon = |source| {
+                    if let Source::Emitter(emitter) = source {
+                        prefetch(&self.emitters[emitter as usize]);
+                    }
+                };
+                tree.pick_all(proven, n, number, soon, |i, chosen| {
                     let (reference, _, u) = query(i);
                     visit(i, chosen.and_then(|(source, p)| self.sample_source(source, p, &reference, u, stratum)));
                 });
