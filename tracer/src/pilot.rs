@@ -376,7 +376,9 @@ impl<'a> Pilot<'a> {
                 let plain_sky = !facts.area_lights && !self.prepared.scene().lights().has_picture();
                 let leaves_mis = best.method.direct == Direct::Mis && tried.method.direct != Direct::Mis && !plain_sky;
                 let significance = if leaves_mis { SIGNIFICANCE_WITHOUT_MIS } else { SIGNIFICANCE };
-                if gain > GAIN && gain > significance * error {
+                // What the usual pixels promise, the others must not contradict: they are in the picture too.
+                let contradicted = question.robust && tried.gain(&best, f64::INFINITY).0 < 0.0;
+                if gain > GAIN && gain > significance * error && !contradicted {
                     best = tried;
                 } else if question.climbs {
                     break;
