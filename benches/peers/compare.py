@@ -48,8 +48,8 @@ class Tessera:
 
 
 def planned(binary, path):
-    """The options of what `tessera plan` chooses, as `tessera render` would."""
-    done = subprocess.run([binary, "plan", path, "--json"], capture_output=True, text=True, check=True)
+    """The options of what `tessera plan` chooses, as `tessera render --time` would: the best picture for the time."""
+    done = subprocess.run([binary, "plan", path, "--time", "100", "--json"], capture_output=True, text=True, check=True)
     plan = json.loads(done.stdout)
     names = ["direct", "light_pick", "light_sampling", "light_samples", "splits", "roulette"]
     chosen = [(name, plan["method"].get(name)) for name in names]
@@ -110,8 +110,9 @@ def main():
             chosen, options = planned(a.binary, path)
             renderers = {
                 "Tessera": Tessera(a.binary, path, folder, a.options.split()),
-                f"Tessera, planned: {chosen}": Tessera(a.binary, path, folder, options),
+                "Tessera, planned": Tessera(a.binary, path, folder, options),
             }
+            print(f"{name}: planned is {chosen}", file=sys.stderr, flush=True)
             if not a.without_mitsuba:
                 renderers["Mitsuba llvm, multijitter"] = Mitsuba(path, "multijitter")
                 renderers["Mitsuba llvm, independent"] = Mitsuba(path, "independent")
