@@ -68,6 +68,7 @@ impl<'de> Deserialize<'de> for Rgb {
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
     /// Version of the format: 1.
+    #[schemars(extend("enum" = [1]))]
     pub tessera: u32,
     /// What people call the scene.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -202,9 +203,11 @@ pub enum FovAxis {
 pub struct FilmSettings {
     /// Width in pixels.
     #[serde(default = "default_edge")]
+    #[schemars(range(min = 1, max = crate::job::MAX_EDGE))]
     pub width: u32,
     /// Height in pixels.
     #[serde(default = "default_edge")]
+    #[schemars(range(min = 1, max = crate::job::MAX_EDGE))]
     pub height: u32,
     /// Pixel filter, by importance: a sample feeds one pixel.
     #[serde(default)]

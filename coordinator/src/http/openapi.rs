@@ -72,6 +72,13 @@ fn complete(path: &str, method: &str, operation: &mut Value) {
             if let Some(kinds) = parameter.pointer_mut("/schema/type").filter(|kinds| kinds.is_array()) {
                 *kinds = json!("string");
             }
+            // Routes read numbers without a sign.
+            if let Some(schema) = parameter["schema"].as_object_mut()
+                && schema.get("format").is_some_and(|format| format == "int32")
+            {
+                schema.remove("format");
+                schema.entry("maximum").or_insert(json!(u32::MAX));
+            }
             if parameter["name"] == "map" {
                 parameter["schema"] = json!({ "type": "string", "enum": ["image", "samples", "error"] });
             }
