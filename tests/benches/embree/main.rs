@@ -14,10 +14,10 @@ use clap::Parser;
 use cli::bench::rays::{Maker, Place, RaySet};
 use glam::DVec3;
 use rustix::time::ClockId;
-use tracer::geometry::{Accel, Counters, InstructionSet, Options as Build, Ray, Shape, TriangleTest, World};
+use tracer::geometry::{Accel, Counters, InstructionSet, Options as Build, Ray, Shape, TriangleTest, Width, World};
 
 use library::{Embree, Found};
-use report::{Cell, Report, Tree};
+use report::{Cell, FourTree, Report, Tree};
 use scenes::Scene;
 
 /// The variable that names Embree's library.
@@ -39,6 +39,9 @@ struct Options {
     /// Only scenes whose names begin so.
     #[arg(long, default_value = "")]
     only: String,
+    /// Measure trees of four children a node as well, in turns with those of eight.
+    #[arg(long)]
+    four: bool,
     /// A folder for the table as CSV and the charts.
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -78,15 +81,20 @@ fn measure(scene: &Scene, embree: &Embree, options: &Options, report: &mut Repor
             1 => processor_seconds(ClockId::ProcessCPUTime) - processor,
             _ => wall.elapsed().as_secs_f64(),
         };
-        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
-        let (mut our_bytes, mut their_bytes) = (0, 0);
-        for _ in 0..options.builds {
+        let (mut ours, mut fours, mut theirs) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut our_bytes, mut four_bytes, mut their_bytes) = (0, 0, 0);
+        let build = |width, times: &mut Vec<f64>| {
             let world = world(scene);
             let started = start();
-            let accel = pool.install(|| Accel::build(world, TriangleTest::Watertight));
-            ours.push(since(started));
-            our_bytes = accel.bytes();
-            drop(accel);
+            let accel = pool.install(|| Accel::build_with(world, Build { width, ..Build::default() }));
+            times.push(since(started));
+            accel.bytes()
+        };
+        for _ in 0..options.builds {
+            our_bytes = build(Width::Eight, &mut ours);
+            if options.four {
+                four_bytes = build(Width::Four, &mut fours);
+            }
             let prepared = embree.prepare(&scene.mesh, threads)?;
             let started = start();
             let built = prepared.build(true)?;
@@ -102,6 +110,7 @@ fn measure(scene: &Scene, embree: &Embree, options: &Options, report: &mut Repor
             theirs: median(&theirs),
             our_bytes: per(our_bytes),
             their_bytes: per(their_bytes),
+            four: options.four.then(|| FourTree { seconds: median(&fours), bytes: per(four_bytes) }),
         });
     }
 
@@ -111,17 +120,22 @@ fn measure(scene: &Scene, embree: &Embree, options: &Options, report: &mut Repor
     let accel = Accel::build(world(scene), TriangleTest::Watertight);
     let sse = Build { instructions: InstructionSet::Sse2, ..Build::default() };
     let sse = Accel::build_with(world(scene), sse);
+    let four = || Accel::build_with(world(scene), Build { width: Width::Four, ..Build::default() });
+    let four = options.four.then(four);
     let robust = embree.prepare(&scene.mesh, 1)?.build(true)?;
     let fast = embree.prepare(&scene.mesh, 1)?.build(false)?;
     for set in ray_sets(scene, &accel) {
-        let mut times: [Vec<f64>; 4] = Default::default();
+        let mut times: [Vec<f64>; 5] = Default::default();
         for _ in 0..options.repetitions {
             times[0].push(time(&set, |ray| ours_closest(&accel, ray), |ray| ours_any(&accel, ray)));
             times[1].push(time(&set, |ray| robust.closest(ray), |ray| robust.occluded(ray)));
             times[2].push(time(&set, |ray| fast.closest(ray), |ray| fast.occluded(ray)));
             times[3].push(time(&set, |ray| ours_closest(&sse, ray), |ray| ours_any(&sse, ray)));
+            if let Some(four) = &four {
+                times[4].push(time(&set, |ray| ours_closest(four, ray), |ray| ours_any(four, ray)));
+            }
         }
-        let ratios: Vec<f64> = times[0].iter().zip(&times[1]).map(|(ours, theirs)| theirs / ours).collect();
+        let over = |other: &[f64]| median(&times[0].iter().zip(other).map(|(ours, t)| t / ours).collect::<Vec<_>>());
         let rate = |times: &[f64]| set.rays.len() as f64 / median(times) / 1e6;
         let differ = set.rays.iter().filter(|ray| {
             if set.any {
@@ -137,7 +151,8 @@ fn measure(scene: &Scene, embree: &Embree, options: &Options, report: &mut Repor
             robust: rate(&times[1]),
             fast: rate(&times[2]),
             sse: rate(&times[3]),
-            ratio: median(&ratios),
+            ratio: over(&times[1]),
+            four: four.is_some().then(|| (rate(&times[4]), over(&times[4]))),
             differ: differ.count(),
         };
         eprintln!("{}: {}: {:.3} times Embree robust", cell.scene, cell.rays, cell.ratio);

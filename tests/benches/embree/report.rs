@@ -15,6 +15,8 @@ pub struct Cell {
     pub sse: f64,
     /// The median over the repetitions of ours to Embree's robust mode in the same repetition.
     pub ratio: f64,
+    /// The rate with four children a node, and how many times as fast eight are: medians as above.
+    pub four: Option<(f64, f64)>,
     /// Rays of which one side says that they hit and the other that they do not.
     pub differ: usize,
 }
@@ -28,6 +30,13 @@ pub struct Tree {
     pub theirs: f64,
     pub our_bytes: f64,
     pub their_bytes: f64,
+    pub four: Option<FourTree>,
+}
+
+/// The same of four children a node.
+pub struct FourTree {
+    pub seconds: f64,
+    pub bytes: f64,
 }
 
 pub struct Report {
@@ -55,6 +64,7 @@ impl Report {
             self.print_rays();
         }
         self.print_builds();
+        self.print_widths();
     }
 
     fn print_rays(&self) {
@@ -88,6 +98,31 @@ impl Report {
                 t.our_bytes,
                 t.their_bytes
             );
+        }
+    }
+
+    /// Eight children a node against four, where both were measured.
+    fn print_widths(&self) {
+        let rays: Vec<_> = self.cells.iter().filter_map(|c| Some((c, c.four?))).collect();
+        if !rays.is_empty() {
+            println!("\n| Scene | Rays | eight children | four | eight over four |");
+            println!("|---|---|---:|---:|---:|");
+            for (c, (rate, ratio)) in &rays {
+                println!("| {} | {} | {:.2} | {rate:.2} | {ratio:.2} |", c.scene, c.rays, c.ours);
+            }
+            let mean = (rays.iter().map(|(_, (_, ratio))| ratio.ln()).sum::<f64>() / rays.len() as f64).exp();
+            println!("| geometric mean | | | | {mean:.3} |");
+        }
+        let trees: Vec<_> = self.trees.iter().filter_map(|t| Some((t, t.four.as_ref()?))).collect();
+        if !trees.is_empty() {
+            println!("\n| Scene | Threads | build of eight, s | of four, s | bytes a triangle, eight | four |");
+            println!("|---|---:|---:|---:|---:|---:|");
+            for (t, four) in trees {
+                println!(
+                    "| {} | {} | {:.3} | {:.3} | {:.1} | {:.1} |",
+                    t.scene, t.threads, t.ours, four.seconds, t.our_bytes, four.bytes
+                );
+            }
         }
     }
 

@@ -10,7 +10,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{
-    Bounds, BuildMethod, Counters, Hit, InstructionSet, Ray, Shape, SurfacePoint, TriangleTest, World,
+    Bounds, BuildMethod, Counters, Hit, InstructionSet, Ray, Shape, SurfacePoint, TriangleTest, Width, World,
     bvh::{
         Kind, MAX_PRIMITIVES, Ref, Tree,
         traverse::{Items, Nearest, Traverse},
@@ -31,6 +31,8 @@ pub struct Options {
     pub test: TriangleTest,
     /// How trees are split.
     pub method: BuildMethod,
+    /// How many children their nodes have.
+    pub width: Width,
     /// Which instructions to use, of those that the processor has; else the fastest that it has.
     pub instructions: InstructionSet,
     /// Whether many rays at once are held against few primitives without a tree.
@@ -44,6 +46,7 @@ impl Default for Options {
         Self {
             test: TriangleTest::default(),
             method: BuildMethod::default(),
+            width: Width::default(),
             instructions: InstructionSet::detect(),
             few: true,
             quads: true,
@@ -119,9 +122,9 @@ impl Accel {
     /// Build. Uses the threads of the current rayon pool; the result does not depend on their number.
     #[must_use]
     pub fn build_with(world: World, options: Options) -> Self {
-        let Options { test, method, instructions, few, quads } = options;
+        let Options { test, method, width, instructions, few, quads } = options;
         let objects: Vec<Group> =
-            world.objects.into_par_iter().map(|o| Group::build(o.shapes, method, Vec::new())).collect();
+            world.objects.into_par_iter().map(|o| Group::build(o.shapes, (method, width), Vec::new())).collect();
         let mut placements = Vec::new();
         let mut dropped = 0;
         let mut instances = Vec::with_capacity(world.instances.len());
@@ -142,7 +145,7 @@ impl Accel {
             let normals = to_object.matrix3.transpose();
             instances.push(Placed { object: instance.object, to_world, to_object, normals });
         }
-        let world = Group::build(world.shapes, method, placements);
+        let world = Group::build(world.shapes, (method, width), placements);
 
         let mut stats = Stats { dropped, instances: instances.len() - dropped, ..Stats::default() };
         for group in objects.iter().chain([&world]) {
@@ -429,7 +432,7 @@ impl Shape {
 }
 
 impl Group {
-    fn build(shapes: Vec<Shape>, method: BuildMethod, placements: Vec<(u32, Bounds)>) -> Self {
+    fn build(shapes: Vec<Shape>, (method, width): (BuildMethod, Width), placements: Vec<(u32, Bounds)>) -> Self {
         let mut first = Vec::with_capacity(shapes.len() + 1);
         let mut count = 0usize;
         let mut refs: Vec<Ref> = Vec::new();
@@ -483,7 +486,7 @@ impl Group {
             }
             .map(|p| p.to_array())
         };
-        let tree = Tree::build(refs, method, corners);
+        let tree = Tree::build(refs, method, width, corners);
         Self { shapes, first, tree, dropped }
     }
 

@@ -38,7 +38,7 @@ use glam::{DAffine3, Vec3};
 
 pub use accel::{Accel, Options, Stats};
 pub use bounds::Bounds;
-pub use bvh::BuildMethod;
+pub use bvh::{BuildMethod, Width};
 pub use few::FewRays;
 pub(crate) use few::{Found, Rays, Spared};
 pub use offset::{spawn, spawn_to};

@@ -101,8 +101,8 @@ impl Node2 {
     }
 }
 
-/// Sort the references into leaves and return the tree over them; empty for no references.
-pub(super) fn build(refs: &mut [Ref], method: BuildMethod) -> Vec<Node2> {
+/// Sort the references into leaves and return the tree over them, for nodes of `W` children; empty for no references.
+pub(super) fn build<const W: usize>(refs: &mut [Ref], method: BuildMethod) -> Vec<Node2> {
     if refs.is_empty() {
         return Vec::new();
     }
@@ -114,7 +114,7 @@ pub(super) fn build(refs: &mut [Ref], method: BuildMethod) -> Vec<Node2> {
     let share = bounds.reach(&measure) / refs.len().div_ceil(PACK) as f32;
     measure.memory = MEMORY * share;
     let proven = Proven::detect();
-    let builder = Builder { method, measure, mixed, share, proven };
+    let builder = Builder::<W> { method, measure, mixed, share, proven };
     let mut parts = Vec::new();
     builder.node(&mut parts, refs, 0, [bounds, centroids], 0);
     let mut nodes = Vec::with_capacity(parts.iter().map(Vec::len).sum());
@@ -149,7 +149,7 @@ fn measure(refs: &[Ref]) -> [Box8; 2] {
 }
 
 #[derive(Clone, Copy)]
-struct Builder {
+struct Builder<const W: usize> {
     method: BuildMethod,
     measure: Measure,
     mixed: bool,
@@ -158,7 +158,7 @@ struct Builder {
     proven: Proven,
 }
 
-impl Builder {
+impl<const W: usize> Builder<W> {
     /// Whether these may stay together, and whether they must be told apart by kind first.
     fn leaf(&self, refs: &[Ref]) -> (bool, bool) {
         if refs.len() > LEAF_TRIANGLES {
@@ -173,7 +173,14 @@ impl Builder {
     }
 
     /// The tree over some references, as a list of its parts; `boxes` are the bounds of them and of their centroids.
-    fn node(&self, parts: &mut Vec<Vec<Node2>>, refs: &mut [Ref], first: u32, boxes: [Box8; 2], depth: usize) -> Table {
+    fn node(
+        &self,
+        parts: &mut Vec<Vec<Node2>>,
+        refs: &mut [Ref],
+        first: u32,
+        boxes: [Box8; 2],
+        depth: usize,
+    ) -> Table<W> {
         if refs.len() < PARALLEL {
             let mut nodes = Vec::with_capacity(refs.len() / 2 + 1);
             let table = self.small(&mut nodes, refs, first, boxes, depth);
@@ -200,7 +207,7 @@ impl Builder {
     }
 
     /// As `node`, on one thread, into a list.
-    fn small(&self, nodes: &mut Vec<Node2>, refs: &mut [Ref], first: u32, boxes: [Box8; 2], depth: usize) -> Table {
+    fn small(&self, nodes: &mut Vec<Node2>, refs: &mut [Ref], first: u32, boxes: [Box8; 2], depth: usize) -> Table<W> {
         let me = nodes.len();
         let count = refs.len() as u32;
         let (lo, hi) = (boxes[0].lo(), boxes[0].hi());

@@ -6,16 +6,14 @@
 
 use super::build::Node2;
 
-/// Children of a node.
-pub(super) const WIDTH: usize = 8;
 /// What a node costs, in units of a pack.
 const NODE: f32 = 1.0;
 
-/// What the primitives of a subtree cost as at most 1, 2, ... children of a node: reach times packs and nodes.
+/// What the primitives of a subtree cost as at most 1, 2, ... children of a node of `W`: reach times packs and nodes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Table([f32; WIDTH]);
+pub(super) struct Table<const W: usize>([f32; W]);
 
-/// How a subtree is best shared out: for 2 to 8 children how many of them the left half gets, 3 bits each, 0 where one
+/// How a subtree is best shared out: for 2 to `W` children how many of them the left half gets, 3 bits each, 0 where one
 /// child less does as well; the highest bit says that the subtree as one child is a leaf.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shares(u32);
@@ -36,25 +34,25 @@ impl Shares {
     }
 }
 
-impl Table {
+impl<const W: usize> Table<W> {
     /// Of a leaf.
     pub fn leaf(cost: f32) -> Self {
-        Self([cost; WIDTH])
+        Self([cost; W])
     }
 
     /// Of a node with two halves. `leaf` is what it costs as a leaf, if it can be one.
     #[inline(always)]
     pub fn of(left: &Self, right: &Self, reach: f32, leaf: Option<f32>) -> (Self, Shares) {
-        let mut cost = [0.0; WIDTH];
+        let mut cost = [0.0; W];
         let mut shares = 0;
-        for children in 2..=WIDTH {
+        for children in 2..=W {
             // The last bits of the cost make room for the left half's share, so that one minimum finds both.
             let key = |l: usize| (left.0[l - 1] + right.0[children - l - 1]).to_bits() & !7 | l as u32;
             let least = (1..children).map(key).fold(u32::MAX, |a, b| if b < a { b } else { a });
             cost[children - 1] = f32::from_bits(least & !7);
             shares |= (least & 7) << (3 * children);
         }
-        let node = cost[WIDTH - 1] + NODE * reach;
+        let node = cost[W - 1] + NODE * reach;
         cost[0] = node;
         if let Some(leaf) = leaf
             && leaf <= node
@@ -62,7 +60,7 @@ impl Table {
             cost[0] = leaf;
             shares |= IS_LEAF;
         }
-        for children in 2..WIDTH {
+        for children in 2..W {
             if cost[children - 1] >= cost[children - 2] {
                 cost[children - 1] = cost[children - 2];
                 shares &= !(7 << (3 * children));
@@ -73,19 +71,19 @@ impl Table {
 }
 
 /// The children of a wide node.
-pub(super) struct Children {
-    pub nodes: [u32; WIDTH],
+pub(super) struct Children<const W: usize> {
+    pub nodes: [u32; W],
     pub count: usize,
 }
 
-impl Children {
+impl<const W: usize> Children<W> {
     /// Of the node that stands for the subtree `root`.
     pub fn of(binary: &[Node2], root: u32) -> Self {
-        let mut all = Self { nodes: [0; WIDTH], count: 0 };
+        let mut all = Self { nodes: [0; W], count: 0 };
         if binary[root as usize].is_leaf() {
             all.push(root);
         } else {
-            all.share(binary, root, WIDTH);
+            all.share(binary, root, W);
         }
         all
     }
@@ -115,7 +113,7 @@ mod tests {
     use super::{super::super::tests::Random, *};
 
     /// A random binary tree of leaves that hold `first..first + count`, in order.
-    fn grow(nodes: &mut Vec<Node2>, random: &mut Random, first: u32, count: u32) -> Table {
+    fn grow<const W: usize>(nodes: &mut Vec<Node2>, random: &mut Random, first: u32, count: u32) -> Table<W> {
         let me = nodes.len();
         let reach = count as f32 * (0.5 + random.unit() as f32);
         let (lo, hi) = ([reach; 3], [reach; 3]);
@@ -133,8 +131,8 @@ mod tests {
     }
 
     /// Cost of the wide tree that is made, and what its leaves hold.
-    fn walk(nodes: &[Node2], root: u32, leaves: &mut Vec<u32>) -> f32 {
-        let children = Children::of(nodes, root);
+    fn walk<const W: usize>(nodes: &[Node2], root: u32, leaves: &mut Vec<u32>) -> f32 {
+        let children = Children::<W>::of(nodes, root);
         let mut cost = NODE * nodes[root as usize].lo[0];
         for &child in &children.nodes[..children.count] {
             let node = &nodes[child as usize];
@@ -142,27 +140,41 @@ mod tests {
                 leaves.extend(node.first..node.first + node.count);
                 cost += if node.count == 1 { 1.0 } else { 2.0 } * node.lo[0];
             } else {
-                cost += walk(nodes, child, leaves);
+                cost += walk::<W>(nodes, child, leaves);
             }
         }
         cost
     }
 
     /// The least cost of a subtree as at most so many children, by trying everything.
-    fn least(nodes: &[Node2], at: u32, children: usize) -> f32 {
+    fn least<const W: usize>(nodes: &[Node2], at: u32, children: usize) -> f32 {
         let node = &nodes[at as usize];
         let reach = node.lo[0];
         if node.is_leaf() {
             return reach;
         }
         let (l, r) = (at + 1, at + node.right);
-        let split =
-            |n: usize| (1..n).map(|k| least(nodes, l, k) + least(nodes, r, n - k)).fold(f32::INFINITY, f32::min);
+        let split = |n: usize| {
+            (1..n).map(|k| least::<W>(nodes, l, k) + least::<W>(nodes, r, n - k)).fold(f32::INFINITY, f32::min)
+        };
         if children > 1 {
-            return split(children).min(least(nodes, at, children - 1));
+            return split(children).min(least::<W>(nodes, at, children - 1));
         }
         let leaf = if node.count <= 4 { 2.0 * reach } else { f32::INFINITY };
-        leaf.min(split(WIDTH) + NODE * reach)
+        leaf.min(split(W) + NODE * reach)
+    }
+
+    fn check<const W: usize>(count: u32, random: &mut Random) {
+        let mut nodes = Vec::new();
+        let Table::<W>(table) = grow(&mut nodes, random, 0, count);
+        let mut leaves = Vec::new();
+        let cost = walk::<W>(&nodes, 0, &mut leaves);
+        assert_eq!(leaves, (0..count).collect::<Vec<_>>());
+        let root = NODE * nodes[0].lo[0];
+        let promised = table[W - 1] + root;
+        assert!((cost - promised).abs() < 1e-4 * cost, "{cost} is not {promised}");
+        let best = least::<W>(&nodes, 0, W) + root;
+        assert!((cost - best).abs() < 1e-4 * cost, "{cost}, but {best} can be had");
     }
 
     #[test]
@@ -170,15 +182,8 @@ mod tests {
         let mut random = Random(11);
         for count in [2, 3, 5, 9, 12] {
             for _ in 0..4 {
-                let mut nodes = Vec::new();
-                let Table(table) = grow(&mut nodes, &mut random, 0, count);
-                let mut leaves = Vec::new();
-                let cost = walk(&nodes, 0, &mut leaves);
-                assert_eq!(leaves, (0..count).collect::<Vec<_>>());
-                let promised = table[WIDTH - 1] + NODE * nodes[0].lo[0];
-                assert!((cost - promised).abs() < 1e-4 * cost, "{cost} is not {promised}");
-                let best = least(&nodes, 0, WIDTH) + NODE * nodes[0].lo[0];
-                assert!((cost - best).abs() < 1e-4 * cost, "{cost}, but {best} can be had");
+                check::<4>(count, &mut random);
+                check::<8>(count, &mut random);
             }
         }
     }

@@ -1,5 +1,5 @@
 //! The bounding volume hierarchy: a binary tree by the surface area heuristic ([`build`]), the best way to make nodes
-//! of eight children of it ([`collapse`]), those nodes ([`wide`]), and their traversal ([`traverse`]).
+//! of eight children of it, or of four ([`collapse`]), those nodes ([`wide`]), and their traversal ([`traverse`]).
 //!
 //! It knows boxes and numbers; only the traversal knows what they stand for.
 
@@ -22,4 +22,14 @@ pub enum BuildMethod {
     MeanCentroid,
     /// In the middle of the box, on the axis where count times area is least: the textbook's other one.
     Midpoint,
+}
+
+/// How many children a node has. It changes the speed and the memory and nothing else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Width {
+    /// Eight, whose boxes fill a vector of 256 bits: the faster ones.
+    #[default]
+    Eight,
+    /// Four, in vectors of 128 bits: to be measured beside.
+    Four,
 }

@@ -18,12 +18,12 @@ use super::super::simd::{Avx2, Avx512, Sse2};
 use super::{
     super::{
         Counters, Ray,
-        simd::{Isa, Lanes, Portable, Row},
+        simd::{Boxes, Isa, Lanes, Portable, Row},
         textbook,
         triangle::{Pack, RayFrame, WideFrame},
     },
     build::MAX_DEPTH,
-    wide::{COUNT_MASK, COUNT_SHIFT, FIRST_MASK, ITEMS, LEAF, Node, Tree},
+    wide::{Body, COUNT_MASK, COUNT_SHIFT, FIRST_MASK, ITEMS, LEAF, Node, Tree, Wide},
 };
 
 /// A node leaves at most seven of its children for later.
@@ -108,7 +108,7 @@ pub(in super::super) trait Items {
 }
 
 /// An instruction set that the traversal is compiled for.
-pub(in super::super) trait Traverse: Isa {
+pub(in super::super) trait Traverse: Boxes<8> + Boxes<4> {
     /// Find the nearest hit in a tree, or with `ANY` some hit. Whether `nearest` changed; with `ANY` that is
     /// all that is told. `TEXTBOOK` tests triangles as textbooks do.
     fn trace<const ANY: bool, const TEXTBOOK: bool>(
@@ -138,21 +138,31 @@ macro_rules! traverse {
             ) -> bool {
                 $(#[$attribute])*
                 #[inline(never)]
-                fn compiled<const ANY: bool, const TEXTBOOK: bool>(
+                fn compiled<const W: usize, const ANY: bool, const TEXTBOOK: bool>(
                     isa: $isa,
-                    tree: &Tree,
+                    tree: &Wide<W>,
                     rank: u32,
                     items: &impl Items,
                     ray: &Ray,
                     nearest: &mut Nearest,
                     counters: &mut Counters,
-                ) -> bool {
-                    trace::<$isa, ANY, TEXTBOOK>(isa, tree, rank, items, ray, nearest, counters)
+                ) -> bool
+                where
+                    $isa: Boxes<W>,
+                {
+                    trace::<$isa, W, ANY, TEXTBOOK>(isa, tree, rank, items, ray, nearest, counters)
                 }
                 #[allow(unused_unsafe, reason = "only where there are features to promise")]
                 // SAFETY: the value `self` exists only where the processor has what the attribute names.
                 unsafe {
-                    compiled::<ANY, TEXTBOOK>(self, tree, rank, items, ray, nearest, counters)
+                    match &tree.body {
+                        Body::Eight(wide) => {
+                            compiled::<8, ANY, TEXTBOOK>(self, wide, rank, items, ray, nearest, counters)
+                        }
+                        Body::Four(wide) => {
+                            compiled::<4, ANY, TEXTBOOK>(self, wide, rank, items, ray, nearest, counters)
+                        }
+                    }
                 }
             }
         }
@@ -168,9 +178,9 @@ traverse!(Sse2,);
 traverse!(Portable,);
 
 #[inline(always)]
-fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
+fn trace<I: Traverse + Boxes<W>, const W: usize, const ANY: bool, const TEXTBOOK: bool>(
     isa: I,
-    tree: &Tree,
+    tree: &Wide<W>,
     rank: u32,
     items: &impl Items,
     ray: &Ray,
@@ -184,15 +194,17 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
     let wide = WideFrame::new(isa, &frame);
     let rows = &SIDES[frame.axes[2] << 3 | signs(ray)];
     let (near_row, far_row) = (rows.near.map(usize::from), rows.far.map(usize::from));
-    let o = [isa.splat(frame.origin[0]), isa.splat(frame.origin[1]), isa.splat(frame.origin[2])];
-    let r = [isa.splat(frame.reciprocal[0]), isa.splat(frame.reciprocal[1]), isa.splat(frame.reciprocal[2])];
-    let grow = isa.splat(1.0 + WIDEN);
+    let boxes = Boxes::<W>::boxes(isa);
+    let splat3 = |v: [f32; 3]| [boxes.splat(v[0]), boxes.splat(v[1]), boxes.splat(v[2])];
+    let (o, r) = (splat3(frame.origin), splat3(frame.reciprocal));
+    let grow = boxes.splat(1.0 + WIDEN);
     let r_far = [r[0].mul(grow), r[1].mul(grow), r[2].mul(grow)];
-    let zero = isa.splat(0.0);
-    let behind = isa.splat(2.0 * WIDEN);
+    let zero = boxes.splat(0.0);
+    let behind = boxes.splat(2.0 * WIDEN);
     // Everything that compares with the nearest hit does so with this margin.
     let mut t_far = nearest.t * (1.0 + WIDEN);
-    let mut t_far_wide = isa.splat(t_far);
+    let mut t_far_boxes = boxes.splat(t_far);
+    let mut t_far_pack = isa.splat(t_far);
     let mut changed = false;
     let (mut node_tests, mut primitive_tests) = (0u64, 0u64);
 
@@ -202,22 +214,22 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
     let stack = stack.as_mut_ptr().cast::<i64>();
     let mut top = 0usize;
     let mut current = 0u32;
-    let mut near_store = Row([0.0; 8]);
-    let mut moved = [zero; 9];
+    let mut near_store = Row([0.0; W]);
+    let mut moved = [isa.splat(0.0); 9];
 
     'next: loop {
         'pop: {
             if current & LEAF == 0 {
                 debug_assert!((current as usize) < tree.nodes.len());
                 // SAFETY: inner children are places of nodes; `wide::Tree::build` wrote them.
-                let node: &Node = unsafe { tree.nodes.get_unchecked(current as usize) };
+                let node: &Node<W> = unsafe { tree.nodes.get_unchecked(current as usize) };
                 node_tests += 1;
                 // SAFETY: near and far rows are an axis, or an axis and 3.
-                let from = |row: usize, axis: usize| isa.load(unsafe { node.rows.get_unchecked(row) }).sub(o[axis]);
+                let from = |row: usize, axis: usize| boxes.load(unsafe { node.rows.get_unchecked(row) }).sub(o[axis]);
                 let near = |axis: usize| from(near_row[axis], axis).mul(r[axis]);
                 let far = |axis: usize| from(far_row[axis], axis).mul(r_far[axis]);
                 let z = near(2);
-                let far = far(0).min(far(1)).min(far(2).min(t_far_wide));
+                let far = far(0).min(far(1)).min(far(2).min(t_far_boxes));
                 let near = near(0).max(near(1)).max(z.max(zero)).add(z.min(zero).mul(behind));
                 let mut mask = near.le(far);
                 if mask == 0 {
@@ -228,7 +240,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                     *mask &= *mask - 1;
                     i
                 };
-                // SAFETY: a bit of the mask is below 8.
+                // SAFETY: a bit of the mask is below W.
                 let child = |i: usize| unsafe { *node.children.get_unchecked(i) };
                 let first = take(&mut mask);
                 if mask == 0 {
@@ -252,7 +264,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                 let key = |i: usize| {
                     let child = child(i);
                     tree.prefetch(isa, child);
-                    i64::from(near_store.0[i & 7].to_bits() as i32) << 32 | i64::from(child)
+                    i64::from(near_store.0[i % W].to_bits() as i32) << 32 | i64::from(child)
                 };
                 let (k0, k1) = (key(first), key(take(&mut mask)));
                 debug_assert!(top + 8 <= STACK);
@@ -308,7 +320,8 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                         break 'next;
                     }
                     t_far = nearest.t * (1.0 + WIDEN);
-                    t_far_wide = isa.splat(t_far);
+                    t_far_boxes = boxes.splat(t_far);
+                    t_far_pack = isa.splat(t_far);
                 }
                 break 'pop;
             }
@@ -320,7 +333,7 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                 let (mut lanes, sure) = if TEXTBOOK {
                     (textbook::moeller_trumbore_lanes(isa, ray.origin.into(), ray.direction.into(), pack), 0)
                 } else {
-                    wide.candidates(isa, &frame, pack, t_far_wide, ANY, &mut moved)
+                    wide.candidates(isa, &frame, pack, t_far_pack, ANY, &mut moved)
                 };
                 if ANY && sure != 0 {
                     changed = true;
@@ -342,7 +355,8 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
                             break 'next;
                         }
                         t_far = nearest.t * (1.0 + WIDEN);
-                        t_far_wide = isa.splat(t_far);
+                        t_far_boxes = boxes.splat(t_far);
+                        t_far_pack = isa.splat(t_far);
                     }
                 }
             }
@@ -366,14 +380,14 @@ fn trace<I: Traverse, const ANY: bool, const TEXTBOOK: bool>(
     changed
 }
 
-impl Tree {
+impl<const W: usize> Wide<W> {
     #[inline(always)]
-    fn prefetch<I: Isa>(&self, isa: I, child: u32) {
+    fn prefetch(&self, isa: impl Isa, child: u32) {
         // Chosen without a branch: leaves and nodes come in no order that could be foretold. For items this is an
         // address of no meaning, which a prefetch may be given.
         let leaf = child & LEAF != 0;
         let base = if leaf { self.packs.as_ptr().cast::<u8>() } else { self.nodes.as_ptr().cast() };
-        let size = if leaf { size_of::<Pack>() } else { size_of::<Node>() };
+        let size = if leaf { size_of::<Pack>() } else { size_of::<Node<W>>() };
         isa.prefetch(base.wrapping_add((child & FIRST_MASK) as usize * size), 4);
     }
 }

@@ -1,4 +1,4 @@
-//! The tree that rays walk: eight children a node, triangles in packs of eight.
+//! The tree that rays walk: eight children a node, or four, and triangles in packs of eight.
 
 use rayon::prelude::*;
 
@@ -8,9 +8,9 @@ use super::{
         simd::Row,
         triangle::{ID_BITS, Pack},
     },
-    BuildMethod,
+    BuildMethod, Width,
     build::{self, Kind, MAX_DEPTH, Node2, PACK, Ref},
-    collapse::{Children, WIDTH},
+    collapse::Children,
 };
 
 /// Marks a child that is a leaf.
@@ -30,62 +30,113 @@ const _: () = assert!(COUNT_SHIFT == ID_BITS);
 /// A node. Rows 0 to 2 are the children's smallest coordinates, 3 to 5 the largest; a child that is not
 /// there has a box that no ray meets.
 #[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub(super) struct Node {
-    pub rows: [Row; 6],
-    pub children: [u32; WIDTH],
+#[repr(C, align(32))]
+pub(super) struct Node<const W: usize> {
+    pub rows: [Row<W>; 6],
+    pub children: [u32; W],
 }
 
-/// A tree over triangles and items. Items are named by their number alone.
-#[derive(Clone, Debug, Default)]
-pub(in super::super) struct Tree {
-    pub(super) nodes: Vec<Node>,
-    pub(super) packs: Vec<Pack>,
+/// Nodes, the first one the root, and what their leaves hold. Items are named by their number alone.
+#[derive(Clone, Debug)]
+pub(super) struct Wide<const W: usize> {
+    pub nodes: Vec<Node<W>>,
+    pub packs: Vec<Pack>,
     /// Numbers of the items, in leaf order.
-    pub(super) items: Vec<u32>,
+    pub items: Vec<u32>,
+}
+
+/// Of either width.
+#[derive(Clone, Debug)]
+pub(super) enum Body {
+    Eight(Wide<8>),
+    Four(Wide<4>),
+}
+
+/// A tree over triangles and items.
+#[derive(Clone, Debug)]
+pub(in super::super) struct Tree {
+    pub(super) body: Body,
+    /// None where it holds nothing.
     pub bounds: Option<Bounds>,
     pub depth: usize,
 }
 
 /// A wide node before it is filled.
-struct Plan {
-    children: Children,
-    codes: [u32; WIDTH],
+struct Plan<const W: usize> {
+    children: Children<W>,
+    codes: [u32; W],
 }
 
 impl Tree {
     /// `corners` gives a triangle's corners by its number.
-    pub fn build(mut refs: Vec<Ref>, method: BuildMethod, corners: impl Fn(u32) -> [[f32; 3]; 3] + Sync) -> Self {
-        debug_assert!(refs.len() <= MAX_PRIMITIVES);
-        let binary = build::build(&mut refs, method);
-        if binary.is_empty() {
-            return Self::default();
+    pub fn build(
+        refs: Vec<Ref>,
+        method: BuildMethod,
+        width: Width,
+        corners: impl Fn(u32) -> [[f32; 3]; 3] + Sync,
+    ) -> Self {
+        match width {
+            Width::Eight => Self::of(refs, method, corners, Body::Eight),
+            Width::Four => Self::of(refs, method, corners, Body::Four),
         }
-        let Plans { plans, packs, items, depth } = Plans::of(&binary, &refs);
+    }
+
+    fn of<const W: usize>(
+        mut refs: Vec<Ref>,
+        method: BuildMethod,
+        corners: impl Fn(u32) -> [[f32; 3]; 3] + Sync,
+        body: fn(Wide<W>) -> Body,
+    ) -> Self {
+        debug_assert!(refs.len() <= MAX_PRIMITIVES);
+        let binary = build::build::<W>(&mut refs, method);
+        let Some(root) = binary.first() else {
+            let none = Wide { nodes: Vec::new(), packs: Vec::new(), items: Vec::new() };
+            return Self { body: body(none), bounds: None, depth: 0 };
+        };
+        let Plans { plans, packs, items, depth } = Plans::<W>::of(&binary, &refs);
         let nodes = pages::collect(plans.par_iter().map(|plan| fill(plan, &binary)));
         let packs =
             packs.par_iter().map(|&(first, count)| pack(&refs[first as usize..(first + count) as usize], &corners));
         let packs = pages::collect(packs);
-        let bounds = Bounds { lo: binary[0].lo.into(), hi: binary[0].hi.into() };
-        Self { nodes, packs, items, bounds: Some(bounds), depth }
+        let bounds = Bounds { lo: root.lo.into(), hi: root.hi.into() };
+        Self { body: body(Wide { nodes, packs, items }), bounds: Some(bounds), depth }
     }
 
     /// Bytes of nodes, packs and items.
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.nodes) + size_of_val(&*self.packs) + size_of_val(&*self.items)
+        match &self.body {
+            Body::Eight(wide) => wide.bytes(),
+            Body::Four(wide) => wide.bytes(),
+        }
     }
 
     pub fn node_count(&self) -> usize {
-        self.nodes.len()
+        match &self.body {
+            Body::Eight(wide) => wide.nodes.len(),
+            Body::Four(wide) => wide.nodes.len(),
+        }
     }
 
     /// Everything that decides a hit, as bits: equal for equal trees.
     #[cfg(test)]
     pub fn bits(&self) -> Vec<u32> {
-        let rows = |rows: &[Row]| rows.iter().flat_map(|r| r.0.map(f32::to_bits)).collect::<Vec<_>>();
+        match &self.body {
+            Body::Eight(wide) => wide.bits(),
+            Body::Four(wide) => wide.bits(),
+        }
+    }
+}
+
+impl<const W: usize> Wide<W> {
+    fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes) + size_of_val(&*self.packs) + size_of_val(&*self.items)
+    }
+
+    #[cfg(test)]
+    fn bits(&self) -> Vec<u32> {
         let mut all = Vec::new();
         for n in &self.nodes {
-            all.extend(rows(&n.rows));
+            all.extend(n.rows.iter().flat_map(|row| row.0.map(f32::to_bits)));
             all.extend(n.children);
         }
         for p in &self.packs {
@@ -97,18 +148,18 @@ impl Tree {
 }
 
 /// Wide nodes, the first one the root, and what their leaves hold.
-struct Plans {
-    plans: Vec<Plan>,
+struct Plans<const W: usize> {
+    plans: Vec<Plan<W>>,
     /// Places of the packs' first references, and how many there are.
     packs: Vec<(u32, u32)>,
     items: Vec<u32>,
     depth: usize,
 }
 
-impl Plans {
+impl<const W: usize> Plans<W> {
     /// Inner children of a node become consecutive nodes; leaves come in the order in which nodes are planned.
     fn of(binary: &[Node2], refs: &[Ref]) -> Self {
-        let none = || Plan { children: Children { nodes: [0; WIDTH], count: 0 }, codes: [0; WIDTH] };
+        let none = || Plan { children: Children { nodes: [0; W], count: 0 }, codes: [0; W] };
         let mut all = Self {
             plans: Vec::with_capacity(refs.len() / 24 + 1),
             packs: Vec::with_capacity(refs.len() / 6 + 1),
@@ -120,7 +171,7 @@ impl Plans {
         while let Some((root, at, depth)) = todo.pop() {
             all.depth = all.depth.max(depth);
             let children = Children::of(binary, root);
-            let mut codes = [0; WIDTH];
+            let mut codes = [0; W];
             for (code, &child) in codes.iter_mut().zip(&children.nodes[..children.count]) {
                 let node = &binary[child as usize];
                 *code = if node.shares.is_leaf() {
@@ -155,9 +206,9 @@ impl Plans {
     }
 }
 
-fn fill(plan: &Plan, binary: &[Node2]) -> Node {
-    let mut rows = [Row([f32::INFINITY; 8]); 6];
-    rows[3..].fill(Row([f32::NEG_INFINITY; 8]));
+fn fill<const W: usize>(plan: &Plan<W>, binary: &[Node2]) -> Node<W> {
+    let mut rows = [Row([f32::INFINITY; W]); 6];
+    rows[3..].fill(Row([f32::NEG_INFINITY; W]));
     for (k, &child) in plan.children.nodes[..plan.children.count].iter().enumerate() {
         let node = &binary[child as usize];
         for axis in 0..3 {

@@ -1,4 +1,4 @@
-//! Eight `f32` at once, for each instruction set that the traversal is compiled for.
+//! Eight `f32` at once, or four, for each instruction set that the traversal is compiled for.
 //!
 //! All of them do the same operations in the same order and round each one, so their results have the
 //! same bits. The value of an [`Isa`] is a proof that the processor has the instructions: that is what
@@ -21,10 +21,10 @@ pub(crate) fn prefetch<T>(place: &T) {
     let _ = place;
 }
 
-/// Eight numbers, aligned for any load.
+/// `W` numbers, eight or four. What holds rows sees to it that none lies across cache lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(32))]
-pub(super) struct Row(pub [f32; 8]);
+#[repr(C, align(16))]
+pub(super) struct Row<const W: usize = 8>(pub [f32; W]);
 
 /// Which instructions the traversal uses. It changes the speed and nothing else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,20 +80,34 @@ pub(super) enum Proof {
     Portable(Portable),
 }
 
-/// Loads and constants of an instruction set.
-pub(super) trait Isa: Copy {
-    type F: Lanes;
+/// Loads and constants of an instruction set, for `W` lanes.
+pub(super) trait Isa<const W: usize = 8>: Copy {
+    type F: Lanes<W>;
     /// `x` in every lane.
     fn splat(self, x: f32) -> Self::F;
-    fn load(self, row: &Row) -> Self::F;
+    fn load(self, row: &Row<W>) -> Self::F;
     /// Ask for `lines` cache lines from an address, which need not be valid.
     fn prefetch(self, address: *const u8, lines: usize);
 }
 
-/// Eight numbers in registers. Masks have bit `i` for lane `i`.
-pub(super) trait Lanes: Copy {
-    fn store(self, row: &mut Row);
-    /// Lane `i & 7`.
+/// An instruction set's lanes for the boxes of a node with `W` children.
+pub(super) trait Boxes<const W: usize>: Isa {
+    type Boxes: Isa<W>;
+    fn boxes(self) -> Self::Boxes;
+}
+
+impl<I: Isa> Boxes<8> for I {
+    type Boxes = Self;
+    #[inline(always)]
+    fn boxes(self) -> Self {
+        self
+    }
+}
+
+/// `W` numbers in registers. Masks have bit `i` for lane `i`.
+pub(super) trait Lanes<const W: usize = 8>: Copy {
+    fn store(self, row: &mut Row<W>);
+    /// Lane `i % W`.
     fn lane(self, i: usize) -> f32;
     fn add(self, b: Self) -> Self;
     fn sub(self, b: Self) -> Self;
@@ -121,10 +135,16 @@ mod tests {
 
     #[test]
     fn each_lane_is_found_where_it_was_stored() {
-        fn check(isa: impl Isa) {
-            let row = Row([1.0, -2.0, 3.5, f32::INFINITY, 0.0, 6.0, -0.0, 8.0]);
-            let found: [u32; 8] = std::array::from_fn(|i| isa.load(&row).lane(i).to_bits());
-            assert_eq!(found, row.0.map(f32::to_bits));
+        fn check_width<const W: usize>(isa: impl Isa<W>, numbers: [f32; W]) {
+            let row = isa.load(&Row(numbers));
+            let mut stored = Row([0.0; W]);
+            row.store(&mut stored);
+            assert_eq!(std::array::from_fn(|i| row.lane(i).to_bits()), numbers.map(f32::to_bits));
+            assert_eq!(stored.0.map(f32::to_bits), numbers.map(f32::to_bits));
+        }
+        fn check(isa: impl Boxes<4>) {
+            check_width(isa, [1.0, -2.0, 3.5, f32::INFINITY, 0.0, 6.0, -0.0, 8.0]);
+            check_width(isa.boxes(), [-1.0, f32::INFINITY, -0.0, 4.0]);
         }
         for set in [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::Sse2, InstructionSet::Portable] {
             match set.prove() {

@@ -1,48 +1,56 @@
 //! The lanes in plain Rust.
 
-use super::{Isa, Lanes, Row};
+use super::{Boxes, Isa, Lanes, Row};
 
 /// Needs nothing of the processor.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Portable;
 
-/// Eight numbers.
+/// `W` numbers.
 #[derive(Clone, Copy)]
-pub(in super::super) struct F8([f32; 8]);
+pub(in super::super) struct Array<const W: usize>([f32; W]);
 
-impl Isa for Portable {
-    type F = F8;
+impl<const W: usize> Isa<W> for Portable {
+    type F = Array<W>;
     #[inline(always)]
-    fn splat(self, x: f32) -> F8 {
-        F8([x; 8])
+    fn splat(self, x: f32) -> Array<W> {
+        Array([x; W])
     }
     #[inline(always)]
-    fn load(self, row: &Row) -> F8 {
-        F8(row.0)
+    fn load(self, row: &Row<W>) -> Array<W> {
+        Array(row.0)
     }
     #[inline(always)]
     fn prefetch(self, _: *const u8, _: usize) {}
 }
 
-impl F8 {
+impl Boxes<4> for Portable {
+    type Boxes = Self;
+    #[inline(always)]
+    fn boxes(self) -> Self {
+        self
+    }
+}
+
+impl<const W: usize> Array<W> {
     #[inline(always)]
     fn each(self, b: Self, f: impl Fn(f32, f32) -> f32) -> Self {
         Self(std::array::from_fn(|i| f(self.0[i], b.0[i])))
     }
     #[inline(always)]
     fn mask(self, b: Self, f: impl Fn(f32, f32) -> bool) -> u32 {
-        (0..8).fold(0, |m, i| m | u32::from(f(self.0[i], b.0[i])) << i)
+        (0..W).fold(0, |m, i| m | u32::from(f(self.0[i], b.0[i])) << i)
     }
 }
 
-impl Lanes for F8 {
+impl<const W: usize> Lanes<W> for Array<W> {
     #[inline(always)]
-    fn store(self, row: &mut Row) {
+    fn store(self, row: &mut Row<W>) {
         row.0 = self.0;
     }
     #[inline(always)]
     fn lane(self, i: usize) -> f32 {
-        self.0[i & 7]
+        self.0[i % W]
     }
     #[inline(always)]
     fn add(self, b: Self) -> Self {

@@ -1,8 +1,8 @@
-//! The lanes on x86-64: one 256-bit register, or two of 128 bits.
+//! The lanes on x86-64: eight in one 256-bit register or in two of 128 bits, and four in one.
 
 use std::arch::x86_64::*;
 
-use super::{Isa, Lanes, Row};
+use super::{Boxes, Isa, Lanes, Row};
 
 /// The processor has AVX2 and the bit instructions that came with it. Made by [`Avx2::new`] only.
 #[derive(Clone, Copy, Debug)]
@@ -46,9 +46,13 @@ pub(in super::super) struct Sse2;
 #[derive(Clone, Copy)]
 pub(in super::super) struct F8(__m256);
 
+/// Four numbers in one register.
+#[derive(Clone, Copy)]
+pub(in super::super) struct F4(__m128);
+
 /// Eight numbers in two registers.
 #[derive(Clone, Copy)]
-pub(in super::super) struct F4x2(__m128, __m128);
+pub(in super::super) struct F4x2(F4, F4);
 
 #[inline(always)]
 pub(super) fn prefetch_lines(address: *const u8, lines: usize) {
@@ -67,8 +71,8 @@ impl Isa for Avx2 {
     }
     #[inline(always)]
     fn load(self, row: &Row) -> F8 {
-        // SAFETY: `self` proves AVX2; a row is eight numbers, aligned to 32 bytes.
-        F8(unsafe { _mm256_load_ps(row.0.as_ptr()) })
+        // SAFETY: `self` proves AVX2; a row is eight numbers.
+        F8(unsafe { _mm256_loadu_ps(row.0.as_ptr()) })
     }
     #[inline(always)]
     fn prefetch(self, address: *const u8, lines: usize) {
@@ -114,8 +118,8 @@ impl Lanes for F8 {
     }
     #[inline(always)]
     fn store(self, row: &mut Row) {
-        // SAFETY: an `F8` exists only where the processor has AVX2; a row is eight numbers, aligned to 32.
-        unsafe { _mm256_store_ps(row.0.as_mut_ptr(), self.0) };
+        // SAFETY: an `F8` exists only where the processor has AVX2; a row is eight numbers.
+        unsafe { _mm256_storeu_ps(row.0.as_mut_ptr(), self.0) };
     }
     #[inline(always)]
     fn lane(self, i: usize) -> f32 {
@@ -158,18 +162,17 @@ impl Lanes for F8 {
     }
 }
 
-impl Isa for Sse2 {
-    type F = F4x2;
+impl Isa<4> for Sse2 {
+    type F = F4;
     #[inline(always)]
-    fn splat(self, x: f32) -> F4x2 {
+    fn splat(self, x: f32) -> F4 {
         // SAFETY: SSE2 is part of x86-64, here and in the rest of this file.
-        unsafe { F4x2(_mm_set1_ps(x), _mm_set1_ps(x)) }
+        F4(unsafe { _mm_set1_ps(x) })
     }
     #[inline(always)]
-    fn load(self, row: &Row) -> F4x2 {
-        let p = row.0.as_ptr();
-        // SAFETY: a row is eight numbers, aligned to 32 bytes.
-        unsafe { F4x2(_mm_load_ps(p), _mm_load_ps(p.add(4))) }
+    fn load(self, row: &Row<4>) -> F4 {
+        // SAFETY: a row is four numbers, aligned to 16 bytes.
+        F4(unsafe { _mm_load_ps(row.0.as_ptr()) })
     }
     #[inline(always)]
     fn prefetch(self, address: *const u8, lines: usize) {
@@ -177,18 +180,51 @@ impl Isa for Sse2 {
     }
 }
 
+impl Isa for Sse2 {
+    type F = F4x2;
+    #[inline(always)]
+    fn splat(self, x: f32) -> F4x2 {
+        let four = Isa::<4>::splat(self, x);
+        F4x2(four, four)
+    }
+    #[inline(always)]
+    fn load(self, row: &Row) -> F4x2 {
+        let p = row.0.as_ptr();
+        // SAFETY: a row is eight numbers, aligned to 16 bytes.
+        unsafe { F4x2(F4(_mm_load_ps(p)), F4(_mm_load_ps(p.add(4)))) }
+    }
+    #[inline(always)]
+    fn prefetch(self, address: *const u8, lines: usize) {
+        prefetch_lines(address, lines);
+    }
+}
+
+/// Four boxes are tested by 128-bit vectors on any of these processors.
+macro_rules! four_boxes {
+    ($($isa:ty)*) => {$(
+        impl Boxes<4> for $isa {
+            type Boxes = Sse2;
+            #[inline(always)]
+            fn boxes(self) -> Sse2 {
+                Sse2
+            }
+        }
+    )*};
+}
+four_boxes!(Avx512 Avx2 Sse2);
+
 /// A function of one SSE instruction on two values.
 macro_rules! sse {
     ($($name:ident = $intrinsic:ident;)*) => {$(
         #[inline(always)]
         fn $name(self, b: Self) -> Self {
             // SAFETY: SSE2 is part of x86-64.
-            unsafe { Self($intrinsic(self.0, b.0), $intrinsic(self.1, b.1)) }
+            Self(unsafe { $intrinsic(self.0, b.0) })
         }
     )*};
 }
 
-impl Lanes for F4x2 {
+impl Lanes<4> for F4 {
     sse! {
         add = _mm_add_ps;
         sub = _mm_sub_ps;
@@ -198,12 +234,66 @@ impl Lanes for F4x2 {
         max = _mm_max_ps;
     }
     #[inline(always)]
+    fn store(self, row: &mut Row<4>) {
+        // SAFETY: a row is four numbers, aligned to 16 bytes.
+        unsafe { _mm_store_ps(row.0.as_mut_ptr(), self.0) };
+    }
+    #[inline(always)]
+    fn lane(self, i: usize) -> f32 {
+        let mut row = Row([0.0; 4]);
+        self.store(&mut row);
+        row.0[i & 3]
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: SSE2 is part of x86-64.
+        Self(unsafe { _mm_andnot_ps(_mm_set1_ps(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn times_sign_of(self, b: Self) -> Self {
+        // SAFETY: SSE2 is part of x86-64.
+        Self(unsafe { _mm_xor_ps(self.0, _mm_and_ps(_mm_set1_ps(-0.0), b.0)) })
+    }
+    #[inline(always)]
+    fn where_le(self, a: Self, b: Self) -> Self {
+        // SAFETY: SSE2 is part of x86-64.
+        Self(unsafe { _mm_and_ps(self.0, _mm_cmple_ps(a.0, b.0)) })
+    }
+    #[inline(always)]
+    fn le(self, b: Self) -> u32 {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe { _mm_movemask_ps(_mm_cmple_ps(self.0, b.0)) as u32 }
+    }
+    #[inline(always)]
+    fn lt(self, b: Self) -> u32 {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe { _mm_movemask_ps(_mm_cmplt_ps(self.0, b.0)) as u32 }
+    }
+    #[inline(always)]
+    fn lt_and_gt(self, middle: Self, upper: Self) -> u32 {
+        self.lt(middle) & middle.lt(upper)
+    }
+}
+
+/// A function of both halves.
+macro_rules! halves {
+    ($($name:ident)*) => {$(
+        #[inline(always)]
+        fn $name(self, b: Self) -> Self {
+            Self(self.0.$name(b.0), self.1.$name(b.1))
+        }
+    )*};
+}
+
+impl Lanes for F4x2 {
+    halves!(add sub mul div min max times_sign_of);
+    #[inline(always)]
     fn store(self, row: &mut Row) {
         let p = row.0.as_mut_ptr();
-        // SAFETY: a row is eight numbers, aligned to 32 bytes.
+        // SAFETY: a row is eight numbers, aligned to 16 bytes.
         unsafe {
-            _mm_store_ps(p, self.0);
-            _mm_store_ps(p.add(4), self.1);
+            _mm_store_ps(p, self.0.0);
+            _mm_store_ps(p.add(4), self.1.0);
         }
     }
     #[inline(always)]
@@ -214,43 +304,22 @@ impl Lanes for F4x2 {
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        // SAFETY: SSE2 is part of x86-64.
-        unsafe {
-            let sign = _mm_set1_ps(-0.0);
-            Self(_mm_andnot_ps(sign, self.0), _mm_andnot_ps(sign, self.1))
-        }
-    }
-    #[inline(always)]
-    fn times_sign_of(self, b: Self) -> Self {
-        // SAFETY: SSE2 is part of x86-64.
-        unsafe {
-            let sign = _mm_set1_ps(-0.0);
-            Self(_mm_xor_ps(self.0, _mm_and_ps(sign, b.0)), _mm_xor_ps(self.1, _mm_and_ps(sign, b.1)))
-        }
+        Self(self.0.abs(), self.1.abs())
     }
     #[inline(always)]
     fn where_le(self, a: Self, b: Self) -> Self {
-        // SAFETY: SSE2 is part of x86-64.
-        unsafe { Self(_mm_and_ps(self.0, _mm_cmple_ps(a.0, b.0)), _mm_and_ps(self.1, _mm_cmple_ps(a.1, b.1))) }
+        Self(self.0.where_le(a.0, b.0), self.1.where_le(a.1, b.1))
     }
     #[inline(always)]
     fn le(self, b: Self) -> u32 {
-        // SAFETY: SSE2 is part of x86-64.
-        unsafe { bits(_mm_cmple_ps(self.0, b.0), _mm_cmple_ps(self.1, b.1)) }
+        self.0.le(b.0) | self.1.le(b.1) << 4
     }
     #[inline(always)]
     fn lt(self, b: Self) -> u32 {
-        // SAFETY: SSE2 is part of x86-64.
-        unsafe { bits(_mm_cmplt_ps(self.0, b.0), _mm_cmplt_ps(self.1, b.1)) }
+        self.0.lt(b.0) | self.1.lt(b.1) << 4
     }
     #[inline(always)]
     fn lt_and_gt(self, middle: Self, upper: Self) -> u32 {
         self.lt(middle) & middle.lt(upper)
     }
-}
-
-#[inline(always)]
-fn bits(a: __m128, b: __m128) -> u32 {
-    // SAFETY: SSE2 is part of x86-64.
-    unsafe { (_mm_movemask_ps(a) | _mm_movemask_ps(b) << 4) as u32 }
 }

@@ -119,6 +119,25 @@ fn the_same_tree_from_any_number_of_threads() {
     }
 }
 
+/// Nodes of four and of eight children are two trees over the same triangles.
+#[test]
+fn either_width_finds_the_same_hits() {
+    let mesh = bumpy_sphere(5, DVec3::ZERO);
+    let widths = [Width::Eight, Width::Four];
+    let accels = widths.map(|width| Accel::build_with(world_of(mesh.clone()), Options { width, ..Options::default() }));
+    let nodes = accels.each_ref().map(|accel| accel.stats().nodes);
+    assert!(nodes[1] > 3 * nodes[0] / 2, "{nodes:?}");
+    let mut random = Random(5);
+    let mut work = [Counters::default(); 2];
+    for _ in 0..3000 {
+        let ray = Ray::new(random.cube() * 2.0, random.direction().as_vec3());
+        let [eight, four] = [0, 1].map(|k| bits(accels[k].closest(&ray, &mut work[k])));
+        assert_eq!(eight, four, "{ray:?}");
+        assert_eq!(occluded(&accels[0], &ray), occluded(&accels[1], &ray), "{ray:?}");
+    }
+    assert!(work[1].node_tests > work[0].node_tests, "{work:?}");
+}
+
 /// The methods differ in the work and the memory, and in nothing else. The surface area heuristic
 /// opens fewer nodes than the mean's tree and fills its packs better than either; the midpoint's half-empty packs
 /// cost memory instead.

@@ -1,4 +1,4 @@
-//! One answer: from every instruction set, from the tree and from trying everything.
+//! One answer: from every instruction set and either width of nodes, from the tree and from trying everything.
 
 use proptest::prelude::*;
 
@@ -6,19 +6,27 @@ use super::*;
 
 /// Compare all paths on some rays. Returns how many hit.
 fn agree(world: &World, rays: &[Ray]) -> Result<usize, TestCaseError> {
-    let accels: Vec<Accel> = all_instructions().into_iter().map(|i| accel_for(world.clone(), i)).collect();
+    let build = |width| {
+        let with =
+            |instructions| Accel::build_with(world.clone(), Options { width, instructions, ..Options::default() });
+        all_instructions().into_iter().map(with).collect::<Vec<_>>()
+    };
+    let widths = [Width::Eight, Width::Four].map(|width| (width, build(width)));
     let mut hits = 0;
     for ray in rays {
-        let expected = accels[0].closest_by_brute_force(ray, &mut Counters::default());
+        let expected = widths[0].1[0].closest_by_brute_force(ray, &mut Counters::default());
         hits += usize::from(expected.is_some());
-        let mut work = None;
-        for accel in &accels {
-            let mut counters = Counters::default();
-            let found = accel.closest(ray, &mut counters);
-            let name = accel.instructions();
-            prop_assert_eq!(bits(found), bits(expected), "{:?}: {:?} not {:?}, {:?}", name, found, expected, ray);
-            prop_assert_eq!(accel.occluded(ray, &mut counters), expected.is_some(), "any hit, {:?}: {:?}", name, ray);
-            prop_assert_eq!(*work.get_or_insert(counters), counters, "the same work, {:?}", name);
+        for (width, accels) in &widths {
+            let mut work = None;
+            for accel in accels {
+                let mut counters = Counters::default();
+                let found = accel.closest(ray, &mut counters);
+                let name = (width, accel.instructions());
+                prop_assert_eq!(bits(found), bits(expected), "{:?}: {:?} not {:?}, {:?}", name, found, expected, ray);
+                let any = accel.occluded(ray, &mut counters);
+                prop_assert_eq!(any, expected.is_some(), "any hit, {:?}: {:?}", name, ray);
+                prop_assert_eq!(*work.get_or_insert(counters), counters, "the same work, {:?}", name);
+            }
         }
     }
     Ok(hits)
