@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{
     Bounds, BuildMethod, Counters, Hit, InstructionSet, Ray, Shape, SurfacePoint, TriangleTest, Width, World,
     bvh::{
-        Kind, MAX_PRIMITIVES, Ref, Tree,
+        Kind, MAX_PRIMITIVES, Recipe, Ref, Tree,
         traverse::{Items, Nearest, Traverse},
     },
     disk,
@@ -123,8 +123,13 @@ impl Accel {
     #[must_use]
     pub fn build_with(world: World, options: Options) -> Self {
         let Options { test, method, width, instructions, few, quads } = options;
+        let (instructions, proof) = [instructions, InstructionSet::detect()]
+            .into_iter()
+            .find_map(|i| Some((i, i.prove()?)))
+            .unwrap_or((InstructionSet::Portable, Proof::Portable(Portable)));
+        let recipe = Recipe { method, width, proof };
         let objects: Vec<Group> =
-            world.objects.into_par_iter().map(|o| Group::build(o.shapes, (method, width), Vec::new())).collect();
+            world.objects.into_par_iter().map(|o| Group::build(o.shapes, recipe, Vec::new())).collect();
         let mut placements = Vec::new();
         let mut dropped = 0;
         let mut instances = Vec::with_capacity(world.instances.len());
@@ -145,7 +150,7 @@ impl Accel {
             let normals = to_object.matrix3.transpose();
             instances.push(Placed { object: instance.object, to_world, to_object, normals });
         }
-        let world = Group::build(world.shapes, (method, width), placements);
+        let world = Group::build(world.shapes, recipe, placements);
 
         let mut stats = Stats { dropped, instances: instances.len() - dropped, ..Stats::default() };
         for group in objects.iter().chain([&world]) {
@@ -158,10 +163,6 @@ impl Accel {
             stats.bytes += group.tree.bytes();
         }
         let bounds = world.tree.bounds.unwrap_or(Bounds::EMPTY);
-        let (instructions, proof) = [instructions, InstructionSet::detect()]
-            .into_iter()
-            .find_map(|i| Some((i, i.prove()?)))
-            .unwrap_or((InstructionSet::Portable, Proof::Portable(Portable)));
         let few = few && test == TriangleTest::Watertight && instances.is_empty();
         let few = few.then(|| world.few(quads)).flatten();
         let places = few.as_ref().map_or(0, |_| world.primitives());
@@ -432,7 +433,7 @@ impl Shape {
 }
 
 impl Group {
-    fn build(shapes: Vec<Shape>, (method, width): (BuildMethod, Width), placements: Vec<(u32, Bounds)>) -> Self {
+    fn build(shapes: Vec<Shape>, recipe: Recipe, placements: Vec<(u32, Bounds)>) -> Self {
         let mut first = Vec::with_capacity(shapes.len() + 1);
         let mut count = 0usize;
         let mut refs: Vec<Ref> = Vec::new();
@@ -486,7 +487,7 @@ impl Group {
             }
             .map(|p| p.to_array())
         };
-        let tree = Tree::build(refs, method, width, corners);
+        let tree = Tree::build(refs, recipe, corners);
         Self { shapes, first, tree, dropped }
     }
 

@@ -1,6 +1,11 @@
 //! Boxes in eight lanes, and the bins of the surface area heuristic.
 
-use super::Ref;
+#[cfg(target_arch = "x86_64")]
+use super::super::simd::{Avx2, Avx512};
+use super::{
+    super::simd::{Boxes, Isa, Lanes, Proof, Row},
+    Ref,
+};
 use crate::lanes::stage;
 
 /// Most bins along an axis.
@@ -23,6 +28,11 @@ impl Box8 {
     #[inline(always)]
     pub fn join(&mut self, other: &Self) {
         self.0 = min8(self.0, other.0);
+    }
+
+    #[inline(always)]
+    fn load<I: Isa>(&self, isa: I) -> I::F {
+        isa.load(&Row(self.0))
     }
 
     pub fn lo(&self) -> [f32; 3] {
@@ -74,8 +84,8 @@ pub(super) fn centroid(r: &Ref) -> Box8 {
 /// From centroids to bins.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Mapping {
-    lo: [f32; 4],
-    scale: [f32; 4],
+    lo: Row<4>,
+    scale: Row<4>,
     /// How many bins.
     bins: usize,
 }
@@ -97,21 +107,25 @@ impl Mapping {
             if i < 3 && extent > 0.0 && scale.is_finite() { scale } else { 0.0 }
         });
         let c = &centroids.0;
-        Self { lo: [c[0], c[1], c[2], 0.0], scale, bins }
+        Self { lo: Row([c[0], c[1], c[2], 0.0]), scale: Row(scale), bins }
     }
 
     #[inline(always)]
     pub fn splits(&self, axis: usize) -> bool {
-        self.scale[axis] > 0.0
+        self.scale.0[axis] > 0.0
     }
 
+    /// The bin on each axis of a reference with this box.
     #[inline(always)]
-    fn bins(&self, r: &Ref) -> [usize; 3] {
-        let b = &r.bounds().0;
-        let k: [u32; 4] = std::array::from_fn(|i| {
-            (((b[i] - b[i + 4] - self.lo[i]) * self.scale[i] + MAGIC).to_bits() >> PLACE) & (BINS as u32 - 1)
-        });
-        [k[0] as usize, k[1] as usize, k[2] as usize]
+    fn bins<I: Boxes<4>>(&self, isa: I, b: &Box8) -> [usize; 3] {
+        let four = isa.boxes();
+        let [lo, hi] = b.0.as_chunks().0 else { unreachable!("eight are two times four") };
+        let centroid = four.load(&Row(*lo)).sub(four.load(&Row(*hi)));
+        let place = centroid.sub(four.load(&self.lo)).mul(four.load(&self.scale)).add(four.splat(MAGIC));
+        let mut places = Row([0.0; 4]);
+        place.store(&mut places);
+        let [x, y, z, _] = places.0.map(|k| (k.to_bits() >> PLACE) as usize & (BINS - 1));
+        [x, y, z]
     }
 }
 
@@ -135,16 +149,29 @@ pub(super) struct Split {
 impl Bins {
     pub const EMPTY: Self = Self { bounds: [[Box8::EMPTY; BINS]; 3], count: [[0; BINS]; 3] };
 
+    /// Of fewer than 2^23 references. They are counted in a lane that boxes do not use. The lanes are named one by one: what
+    /// compilers make of `Box8::join` here stores under a mask, and such a bin cannot be loaded again soon.
     #[inline(always)]
-    fn fill(&mut self, refs: &[Ref], mapping: &Mapping) {
+    fn fill<I: Boxes<4>>(&mut self, isa: I, refs: &[Ref], mapping: &Mapping) {
+        const FAR: f32 = f32::INFINITY;
+        let mut bounds = [[Row([FAR, FAR, FAR, 0.0, FAR, FAR, FAR, 0.0]); BINS]; 3];
+        // Less than any coordinate, more than any count.
+        let tags = isa.load(&Row([-FAR, -FAR, -FAR, FAR, -FAR, -FAR, -FAR, FAR]));
+        let one = isa.load(&Row([-0.0, -0.0, -0.0, 1.0, -0.0, -0.0, -0.0, 1.0]));
         for r in refs {
-            let [x, y, z] = mapping.bins(r);
-            self.bounds[0][x].join(r.bounds());
-            self.bounds[1][y].join(r.bounds());
-            self.bounds[2][z].join(r.bounds());
-            self.count[0][x] += 1;
-            self.count[1][y] += 1;
-            self.count[2][z] += 1;
+            let [x, y, z] = mapping.bins(isa, r.bounds());
+            let b = r.bounds().load(isa).max(tags);
+            for (axis, k) in [x, y, z].into_iter().enumerate() {
+                let bin = &mut bounds[axis][k];
+                isa.load(bin).min(b).add(one).store(bin);
+            }
+        }
+        for (axis, bins) in bounds.iter().enumerate() {
+            for (k, bin) in bins[..mapping.bins].iter().enumerate() {
+                self.bounds[axis][k] = Box8(bin.0);
+                // A whole number plus 2^23 is in the lowest bits.
+                self.count[axis][k] = (bin.0[3] + 8_388_608.0).to_bits() & 0x7f_ffff;
+            }
         }
     }
 
@@ -191,25 +218,34 @@ impl Bins {
     }
 }
 
-stage! {
-    /// Sort references into bins.
-    pub(super) fn fill(bins: &mut Bins, refs: &[Ref], mapping: &Mapping) {
-        bins.fill(refs, mapping);
+/// What falls into each bin, for each instruction set.
+pub(super) fn fill(proof: Proof, bins: &mut Bins, refs: &[Ref], mapping: &Mapping) {
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2")]
+    fn avx512(isa: Avx512, bins: &mut Bins, refs: &[Ref], mapping: &Mapping) {
+        bins.fill(isa, refs, mapping)
+    }
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn avx2(isa: Avx2, bins: &mut Bins, refs: &[Ref], mapping: &Mapping) {
+        bins.fill(isa, refs, mapping)
+    }
+    match proof {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the value `isa` exists only where the processor has these instructions.
+        Proof::Avx512(isa) => unsafe { avx512(isa, bins, refs, mapping) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as above.
+        Proof::Avx2(isa) => unsafe { avx2(isa, bins, refs, mapping) },
+        #[cfg(target_arch = "x86_64")]
+        Proof::Sse2(isa) => bins.fill(isa, refs, mapping),
+        Proof::Portable(isa) => bins.fill(isa, refs, mapping),
     }
 }
 
 stage! {
     /// Choose the cheapest split.
     pub(super) fn best(bins: &Bins, mapping: &Mapping, measure: &Measure, split: &mut Option<Split>) {
-        *split = bins.best(mapping, measure);
-    }
-}
-
-stage! {
-    /// Both, for few references.
-    pub(super) fn fill_and_choose(refs: &[Ref], mapping: &Mapping, measure: &Measure, split: &mut Option<Split>) {
-        let mut bins = Bins::EMPTY;
-        bins.fill(refs, mapping);
         *split = bins.best(mapping, measure);
     }
 }
@@ -236,14 +272,65 @@ pub(super) fn partition(refs: &mut [Ref], left: impl Fn(&Ref) -> bool) -> Halves
     (mid, centroids)
 }
 
+/// References whose chunks have been partitioned, each with these halves, as one partition.
+pub(super) fn gather(refs: &mut [Ref], chunk: usize, parts: &[Halves]) -> Halves {
+    let mid = parts.iter().map(|part| part.0).sum();
+    let starts = || parts.iter().enumerate().map(|(k, part)| (k * chunk, part.0));
+    let end = refs.len();
+    // As many of the right are too far left as of the left are too far right.
+    let right = starts().flat_map(|(at, left)| at + left..(at + chunk).min(mid));
+    let left = starts().flat_map(|(at, left)| at.max(mid)..(at + left).min(end));
+    for (i, j) in right.zip(left) {
+        refs.swap(i, j);
+    }
+    let mut centroids = [Box8::EMPTY; 2];
+    for part in parts {
+        for (all, one) in centroids.iter_mut().zip(&part.1) {
+            all.join(one);
+        }
+    }
+    (mid, centroids)
+}
+
 stage! {
     /// Those in bins below `bin` first.
     pub(super) fn partition_by_bin(refs: &mut [Ref], mapping: &Mapping, axis: usize, bin: usize, halves: &mut Halves) {
-        let (lo, scale) = (mapping.lo[axis], mapping.scale[axis]);
+        let (lo, scale) = (mapping.lo.0[axis], mapping.scale.0[axis]);
         *halves = partition(refs, |r| {
             let b = &r.bounds().0;
             let k = ((b[axis] - b[axis + 4] - lo) * scale + MAGIC).to_bits() >> PLACE & (BINS as u32 - 1);
             k < bin as u32
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::{
+        super::{super::Bounds, build::Kind},
+        *,
+    };
+
+    #[test]
+    fn partitioned_chunks_become_one_partition() {
+        let is_left = |r: &Ref| r.id().wrapping_mul(0x9e37_79b9) >> 31 == 0;
+        for (n, chunk) in [(1, 4), (16, 4), (100, 16), (1000, 64)] {
+            let at = |id| Vec3::splat((id * 7 % n) as f32);
+            let mut refs: Vec<Ref> =
+                (0..n).map(|id| Ref::new(&Bounds { lo: at(id), hi: at(id) + Vec3::ONE }, id, Kind::Triangle)).collect();
+            let (count, expected) = partition(&mut refs.clone(), is_left);
+            let parts: Vec<Halves> = refs.chunks_mut(chunk).map(|refs| partition(refs, is_left)).collect();
+            let (mid, centroids) = gather(&mut refs, chunk, &parts);
+            assert_eq!(mid, count);
+            assert!(refs[..mid].iter().all(is_left) && !refs[mid..].iter().any(is_left));
+            let mut ids: Vec<u32> = refs.iter().map(Ref::id).collect();
+            ids.sort_unstable();
+            assert!(ids.into_iter().eq(0..n));
+            for (found, expected) in centroids.iter().zip(expected) {
+                assert_eq!((found.lo(), found.hi()), (expected.lo(), expected.hi()));
+            }
+        }
     }
 }

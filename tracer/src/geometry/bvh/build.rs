@@ -9,9 +9,9 @@
 use rayon::prelude::*;
 
 use super::{
-    super::pages,
+    super::{pages, simd::Proof},
     BuildMethod,
-    bins::{self, Bins, Box8, Mapping, Measure, Split, centroid, partition},
+    bins::{self, Bins, Box8, Halves, Mapping, Measure, Split, centroid, partition},
     collapse::{Shares, Table},
 };
 use crate::lanes::Proven;
@@ -33,8 +33,8 @@ const SPLIT_DEPTH: usize = 64;
 pub(super) const MAX_DEPTH: usize = SPLIT_DEPTH + 36;
 /// Nodes with fewer primitives are one thread's work.
 const PARALLEL: usize = 8192;
-/// Nodes with more are binned by several threads, this many primitives each.
-const CHUNK: usize = 1 << 15;
+/// Nodes with more than twice as many are split by several threads, this many primitives each.
+const CHUNK: usize = 1 << 14;
 
 /// What a reference stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +102,7 @@ impl Node2 {
 }
 
 /// Sort the references into leaves and return the tree over them, for nodes of `W` children; empty for no references.
-pub(super) fn build<const W: usize>(refs: &mut [Ref], method: BuildMethod) -> Vec<Node2> {
+pub(super) fn build<const W: usize>(refs: &mut [Ref], method: BuildMethod, proof: Proof) -> Vec<Node2> {
     if refs.is_empty() {
         return Vec::new();
     }
@@ -114,7 +114,7 @@ pub(super) fn build<const W: usize>(refs: &mut [Ref], method: BuildMethod) -> Ve
     let share = bounds.reach(&measure) / refs.len().div_ceil(PACK) as f32;
     measure.memory = MEMORY * share;
     let proven = Proven::detect();
-    let builder = Builder::<W> { method, measure, mixed, share, proven };
+    let builder = Builder::<W> { method, measure, mixed, share, proof, proven };
     let mut parts = Vec::new();
     builder.node(&mut parts, refs, 0, [bounds, centroids], 0);
     let mut nodes = Vec::with_capacity(parts.iter().map(Vec::len).sum());
@@ -155,6 +155,7 @@ struct Builder<const W: usize> {
     mixed: bool,
     /// Reach of the whole, for each pack that is needed at least.
     share: f32,
+    proof: Proof,
     proven: Proven,
 }
 
@@ -256,24 +257,30 @@ impl<const W: usize> Builder<W> {
         if !(0..3).any(|axis| mapping.splits(axis)) {
             return None;
         }
-        let mut split: Option<Split> = None;
-        if refs.len() > 2 * CHUNK {
-            let bins = refs
-                .par_chunks(CHUNK)
-                .map(|refs| {
-                    let mut bins = Bins::EMPTY;
-                    bins::fill(self.proven, &mut bins, refs, &mapping);
-                    bins
-                })
-                .reduce(|| Bins::EMPTY, |a, b| a.merge(&b));
-            bins::best(self.proven, &bins, &mapping, &self.measure, &mut split);
+        let fill = |refs: &[Ref]| {
+            let mut bins = Bins::EMPTY;
+            bins::fill(self.proof, &mut bins, refs, &mapping);
+            bins
+        };
+        let bins = if refs.len() > 2 * CHUNK {
+            refs.par_chunks(CHUNK).map(fill).reduce_with(|a, b| a.merge(&b))?
         } else {
-            bins::fill_and_choose(self.proven, refs, &mapping, &self.measure, &mut split);
-        }
+            fill(refs)
+        };
+        let mut split: Option<Split> = None;
+        bins::best(self.proven, &bins, &mapping, &self.measure, &mut split);
         let Split { axis, bin, sides: [left, right], .. } = split?;
-        let mut halves = (0, [Box8::EMPTY; 2]);
-        bins::partition_by_bin(self.proven, refs, &mapping, axis, bin, &mut halves);
-        let (mid, [cl, cr]) = halves;
+        let partition = |refs: &mut [Ref]| {
+            let mut halves = (0, [Box8::EMPTY; 2]);
+            bins::partition_by_bin(self.proven, refs, &mapping, axis, bin, &mut halves);
+            halves
+        };
+        let (mid, [cl, cr]) = if refs.len() > 2 * CHUNK {
+            let parts: Vec<Halves> = refs.par_chunks_mut(CHUNK).map(partition).collect();
+            bins::gather(refs, CHUNK, &parts)
+        } else {
+            partition(refs)
+        };
         Some((mid, [[left, cl], [right, cr]]))
     }
 

@@ -9,8 +9,18 @@ mod collapse;
 pub(super) mod traverse;
 mod wide;
 
+use super::simd::Proof;
 pub(super) use build::{Kind, Ref};
 pub(super) use wide::{MAX_PRIMITIVES, Tree};
+
+/// How to build a tree.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Recipe {
+    pub method: BuildMethod,
+    pub width: Width,
+    /// The instructions to build it with; it is the same tree with any.
+    pub proof: Proof,
+}
 
 /// How the tree is split.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -57,6 +57,10 @@ static SIDES: [Sides; 24] = {
     all
 };
 
+/// So that a row on the stack lies in one cache line.
+#[repr(align(32))]
+struct Aligned<T>(T);
+
 /// The signs of a ray's direction, a bit for each axis.
 #[inline(always)]
 fn signs(ray: &Ray) -> usize {
@@ -214,7 +218,7 @@ fn trace<I: Traverse + Boxes<W>, const W: usize, const ANY: bool, const TEXTBOOK
     let stack = stack.as_mut_ptr().cast::<i64>();
     let mut top = 0usize;
     let mut current = 0u32;
-    let mut near_store = Row([0.0; W]);
+    let mut near_store = Aligned(Row([0.0; W]));
     let mut moved = [isa.splat(0.0); 9];
 
     'next: loop {
@@ -260,11 +264,11 @@ fn trace<I: Traverse + Boxes<W>, const W: usize, const ANY: bool, const TEXTBOOK
                     current = last;
                     continue 'next;
                 }
-                near.store(&mut near_store);
+                near.store(&mut near_store.0);
                 let key = |i: usize| {
                     let child = child(i);
                     tree.prefetch(isa, child);
-                    i64::from(near_store.0[i % W].to_bits() as i32) << 32 | i64::from(child)
+                    i64::from(near_store.0.0[i % W].to_bits() as i32) << 32 | i64::from(child)
                 };
                 let (k0, k1) = (key(first), key(take(&mut mask)));
                 debug_assert!(top + 8 <= STACK);

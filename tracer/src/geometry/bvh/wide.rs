@@ -8,7 +8,7 @@ use super::{
         simd::Row,
         triangle::{ID_BITS, Pack},
     },
-    BuildMethod, Width,
+    Recipe, Width,
     build::{self, Kind, MAX_DEPTH, Node2, PACK, Ref},
     collapse::Children,
 };
@@ -69,26 +69,21 @@ struct Plan<const W: usize> {
 
 impl Tree {
     /// `corners` gives a triangle's corners by its number.
-    pub fn build(
-        refs: Vec<Ref>,
-        method: BuildMethod,
-        width: Width,
-        corners: impl Fn(u32) -> [[f32; 3]; 3] + Sync,
-    ) -> Self {
-        match width {
-            Width::Eight => Self::of(refs, method, corners, Body::Eight),
-            Width::Four => Self::of(refs, method, corners, Body::Four),
+    pub fn build(refs: Vec<Ref>, recipe: Recipe, corners: impl Fn(u32) -> [[f32; 3]; 3] + Sync) -> Self {
+        match recipe.width {
+            Width::Eight => Self::of(refs, recipe, corners, Body::Eight),
+            Width::Four => Self::of(refs, recipe, corners, Body::Four),
         }
     }
 
     fn of<const W: usize>(
         mut refs: Vec<Ref>,
-        method: BuildMethod,
+        recipe: Recipe,
         corners: impl Fn(u32) -> [[f32; 3]; 3] + Sync,
         body: fn(Wide<W>) -> Body,
     ) -> Self {
         debug_assert!(refs.len() <= MAX_PRIMITIVES);
-        let binary = build::build::<W>(&mut refs, method);
+        let binary = build::build::<W>(&mut refs, recipe.method, recipe.proof);
         let Some(root) = binary.first() else {
             let none = Wide { nodes: Vec::new(), packs: Vec::new(), items: Vec::new() };
             return Self { body: body(none), bounds: None, depth: 0 };

@@ -105,17 +105,22 @@ fn nothing_and_one() {
 }
 
 #[test]
-fn the_same_tree_from_any_number_of_threads() {
+fn the_same_tree_from_any_number_of_threads_and_any_instructions() {
     let mut world = world_of(bumpy_sphere(6, DVec3::ZERO));
     world.objects = (0..3).map(|k| Object { shapes: world_of(bumpy_sphere(k + 1, DVec3::ONE)).shapes }).collect();
     let place = |k: u32| Instance { object: k % 3, to_world: DAffine3::from_translation(DVec3::splat(f64::from(k))) };
     world.instances = (0..100).map(place).collect();
     for method in METHODS {
-        let in_pool = |threads| {
+        let in_pool = |threads, instructions| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| Accel::build_with(world.clone(), Options { method, ..Options::default() }).tree_bits())
+            let options = Options { method, instructions, ..Options::default() };
+            pool.install(|| Accel::build_with(world.clone(), options).tree_bits())
         };
-        assert!(in_pool(1) == in_pool(4), "{method:?}");
+        let first = in_pool(1, InstructionSet::detect());
+        assert!(first == in_pool(4, InstructionSet::detect()), "{method:?}");
+        for instructions in all_instructions() {
+            assert!(first == in_pool(2, instructions), "{method:?}, {instructions:?}");
+        }
     }
 }
 
