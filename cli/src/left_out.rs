@@ -73,7 +73,8 @@ pub fn measure(bundle: &mut Bundle, request: &JobRequest, settings: &RenderSetti
     let settings = RenderSettings { resolution, ..settings.clone() };
     let noted = bundle.notes.len();
     let special = bundle.load(&request)?.build();
-    let sampler = Sampler::new(settings.method.sampler, settings.seed, settings.frame, settings.batch);
+    let sampler = Sampler::new(settings.method.sampler, settings.seed, settings.frame, settings.batch)
+        .in_sets(settings.batches_per_set);
     let used = Integrator::new(special.scene(), &settings.method).specialised(&sampler);
 
     // As many rows as take about so long.

@@ -58,9 +58,10 @@ pub fn method_of(request: &JobRequest, bundle: &Bundle) -> Method {
 pub fn settings(request: &JobRequest, bundle: &Bundle) -> Result<RenderSettings, Failure> {
     let method = method_of(request, bundle);
     let quality = quality_of(request, bundle);
-    let batch = coordinator::plan::Rule::of(&quality, &method)?.batch();
+    let rule = coordinator::plan::Rule::of(&quality, &method)?;
+    let (batch, batches_per_set) = (rule.batch(), rule.batches_per_set());
     let (frame, resolution) = (first_frame(request, bundle), bundle.resolution(request));
-    Ok(RenderSettings { frame, resolution, method, seed: request.seed, batch })
+    Ok(RenderSettings { frame, resolution, method, seed: request.seed, batch, batches_per_set })
 }
 
 /// The target of a request: its own, or else the scene's.

@@ -8,6 +8,11 @@ use crate::plan::Trial;
 /// Samples of one batch where nothing else is asked for: one scrambled Sobol' set of this size.
 pub const BATCH: u32 = 16;
 
+/// Batches of a set in a fixed number of samples: 64 of them are spread evenly as well as each sixteen. How many
+/// samples there will be does not depend on what comes out, so nothing is lost where their spread makes errors out to
+/// be larger than they are (docs/accuracy.md measures by how much); a rule that stops by it would stop late.
+pub const BATCHES_PER_SET: u32 = 4;
+
 /// The samples a unit computes for its pixels. A pixel's samples are numbered from 0; sample `s` is
 /// point `s % batch` of batch `s / batch`, and is the same point whatever unit computes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

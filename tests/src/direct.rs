@@ -6,7 +6,7 @@ use common::{
     film::Moments,
     job::JobId,
     method::{Direct, Method, MethodChoices},
-    pass::{Work, batch_for},
+    pass::{BATCHES_PER_SET, Work, batch_for},
     plan::{MethodPlan, Trial},
     protocol::{RenderSettings, Unit, UnitId},
     scene::SceneFile,
@@ -82,7 +82,14 @@ pub fn render_by_auto(name: &str, scene: &SceneFile, samples: u32) -> (Picture, 
 
 fn settings(scene: &SceneFile, method: Method, samples: u32) -> RenderSettings {
     let resolution = [scene.film.width, scene.film.height];
-    RenderSettings { frame: 1, resolution, method, seed: 1, batch: batch_for(samples) }
+    RenderSettings {
+        frame: 1,
+        resolution,
+        method,
+        seed: 1,
+        batch: batch_for(samples),
+        batches_per_set: BATCHES_PER_SET,
+    }
 }
 
 fn load(name: &str, scene: &SceneFile, method: &Method) -> Loaded {

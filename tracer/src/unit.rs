@@ -158,6 +158,7 @@ thread_local! {
 
 fn sampler(settings: &RenderSettings) -> Sampler {
     Sampler::new(settings.method.sampler, settings.seed, settings.frame, settings.batch)
+        .in_sets(settings.batches_per_set)
 }
 
 /// A unit being rendered. Rows are independent: any thread may render any of them in any order.

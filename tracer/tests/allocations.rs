@@ -51,7 +51,14 @@ fn sheet(normals: &str, emission: f64) -> Value {
 
 /// What a row costs at so many samples of a pixel, once room to work in is there.
 fn row(prepared: &Prepared, samples: u32, features: bool) -> AllocationInfo {
-    let settings = RenderSettings { frame: 1, resolution: [WIDTH, 8], method: Method::default(), seed: 1, batch: 16 };
+    let settings = RenderSettings {
+        frame: 1,
+        resolution: [WIDTH, 8],
+        method: Method::default(),
+        seed: 1,
+        batch: 16,
+        batches_per_set: 4,
+    };
     let rect = Rect { x: 0, y: 0, w: WIDTH, h: 8 };
     let id = UnitId { job: JobId(1), frame: 1, tile: 0, pass: 0, rect };
     let unit = Unit { id, work: Work::Uniform { first: 0, samples }, features };

@@ -51,7 +51,7 @@ impl Stage {
         let resolution = bundle.resolution(request);
         let region = request.region(resolution)?;
         let mut prepared = bundle.load(request)?.build();
-        let mut settings = RenderSettings { frame, resolution, method, seed: 0, batch: BATCH };
+        let mut settings = RenderSettings { frame, resolution, method, seed: 0, batch: BATCH, batches_per_set: 1 };
         if settings.method.direct == Direct::Auto {
             // As a worker does before a job.
             let named = request.method.clone().or(&bundle.scene.settings.method);
@@ -123,7 +123,12 @@ impl Stage {
             return Ok(run);
         }
         let rule = plan::Rule::of(&Quality::Samples { samples }, self.method())?;
-        let settings = RenderSettings { seed, batch: rule.batch(), ..self.settings.clone() };
+        let settings = RenderSettings {
+            seed,
+            batch: rule.batch(),
+            batches_per_set: rule.batches_per_set(),
+            ..self.settings.clone()
+        };
         let work = match rule {
             plan::Rule::Textbook { batch, tolerance, max_samples } => Work::Textbook { batch, tolerance, max_samples },
             _ => Work::Uniform { first: 0, samples },

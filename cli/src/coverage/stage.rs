@@ -28,19 +28,19 @@ impl Stage {
     pub fn open(effort: &Effort, name: &str, edge: u32) -> Result<Stage, Failure> {
         let mut bundle = Bundle::read(&effort.scenes.join(format!("{name}.json")))?;
         let request = request::of(&JobOptions { resolution: Some([edge, edge]), ..JobOptions::default() }, &bundle)?;
-        let settings = RenderSettings { batch: BATCH, ..request::settings(&request, &bundle)? };
+        let settings = RenderSettings { batch: BATCH, batches_per_set: 1, ..request::settings(&request, &bundle)? };
         let prepared = bundle.load(&request)?.build();
         Ok(Stage { frame: Rect::frame(edge, edge), prepared, settings })
     }
 
     /// What a unit of the whole frame gives, on this thread.
     pub fn render(&self, seed: u64, work: &Work) -> Vec<Moments> {
-        self.in_batches(BATCH, seed, work)
+        self.in_batches(BATCH, 1, seed, work)
     }
 
-    /// The same with batches of another size.
-    pub fn in_batches(&self, batch: u32, seed: u64, work: &Work) -> Vec<Moments> {
-        let settings = RenderSettings { seed, batch, ..self.settings.clone() };
+    /// The same with batches of another size, and so many of them spread evenly together.
+    pub fn in_batches(&self, batch: u32, batches_per_set: u32, seed: u64, work: &Work) -> Vec<Moments> {
+        let settings = RenderSettings { seed, batch, batches_per_set, ..self.settings.clone() };
         let unit = self.unit(work.clone());
         let render = UnitRender::new(&self.prepared, &settings, &unit);
         (0..render.rows()).flat_map(|row| render.row(row).moments).collect()

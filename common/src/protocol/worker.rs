@@ -150,6 +150,8 @@ pub struct RenderSettings {
     pub seed: u64,
     /// Samples of a batch.
     pub batch: u32,
+    /// Batches whose points are spread evenly together, a power of two; 1 where each is drawn by itself.
+    pub batches_per_set: u32,
 }
 
 /// One piece of work, computed once.

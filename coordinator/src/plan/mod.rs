@@ -187,6 +187,17 @@ impl Rule {
         }
     }
 
+    /// Batches whose points are spread evenly together, another part of them. A job whose target becomes a noise
+    /// target when it is done goes on with batches by themselves, none of which has been drawn before: batch `b` then has
+    /// the key of set `b`, and there were fewer sets than batches.
+    #[must_use]
+    pub fn batches_per_set(&self) -> u32 {
+        match self {
+            Rule::Uniform { .. } => pass::BATCHES_PER_SET,
+            Rule::Textbook { .. } | Rule::Adaptive { .. } | Rule::Budget { .. } => 1,
+        }
+    }
+
     /// Share of a tile's work that is done after so many passes, where that follows from their number; a
     /// finer target makes it less than it was.
     #[must_use]

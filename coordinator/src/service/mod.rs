@@ -325,6 +325,7 @@ impl Service {
                     method: record.method.clone(),
                     seed: record.seed,
                     batch: record.rule.batch(),
+                    batches_per_set: record.rule.batches_per_set(),
                 },
                 units: grant.units,
                 request: record.request.clone(),

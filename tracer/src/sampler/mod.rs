@@ -4,6 +4,9 @@
 //! `s % batch` of batch `s / batch`; every batch is randomised by its own key, so that batch means are
 //! independent estimates, while the points inside a batch are spread evenly.
 //!
+//! Batches may also be [the parts of larger sets](Sampler::in_sets): each is spread evenly, and so are those of a set
+//! together. Their mean then errs less than their spread tells.
+//!
 //! A *dimension* is the number of a decision in the path (the point in the pixel, the light of the third
 //! hit, ...), fixed by the integrator whatever branches a path takes. A dimension yields one number or a
 //! pair.
@@ -25,6 +28,8 @@ pub struct Sampler {
     seed: u64,
     frame: u32,
     batch: u32,
+    /// Points of a set: a multiple of `batch`.
+    set: u32,
     strata: stratified::Strata,
 }
 
@@ -32,9 +37,9 @@ pub struct Sampler {
 #[derive(Debug, Clone, Copy)]
 pub struct Stream {
     kind: method::Sampler,
-    /// Hash of seed, frame, pixel and batch.
+    /// Hash of seed, frame, pixel and set.
     key: u64,
-    /// Index of the point in its batch.
+    /// Index of the point in its set.
     index: u32,
     batch: u32,
     strata: stratified::Strata,
@@ -45,7 +50,16 @@ impl Sampler {
     #[must_use]
     pub fn new(kind: method::Sampler, seed: u64, frame: u32, batch: u32) -> Self {
         let batch = batch.max(1);
-        Self { kind, seed, frame, batch, strata: stratified::Strata::new(batch) }
+        Self { kind, seed, frame, batch, set: batch, strata: stratified::Strata::new(batch) }
+    }
+
+    /// The same with each `n` batches (a power of two) one set: batch `b` is part `b % n` of set `b / n`. A scrambled
+    /// Sobol' sequence's parts of a power of two of points are nets, and so are `n` of them in a row, if both are powers
+    /// of two; other points stay in batches that know nothing of each other.
+    #[must_use]
+    pub fn in_sets(self, n: u32) -> Self {
+        let nested = self.is_plain() && n.is_power_of_two();
+        Self { set: if nested { self.batch.saturating_mul(n) } else { self.batch }, ..self }
     }
 
     /// Points of a batch.
@@ -54,14 +68,20 @@ impl Sampler {
         self.batch
     }
 
+    /// Points of a set: those that share a key.
+    #[must_use]
+    pub fn set(&self) -> u32 {
+        self.set
+    }
+
     /// Sample `sample` of the pixel at column `x`, row `y`.
     #[inline]
     #[must_use]
     pub fn stream(&self, x: u32, y: u32, sample: u32) -> Stream {
         let pixel = u64::from(x) | u64::from(y) << 32;
-        let turn = u64::from(sample / self.batch) | u64::from(self.frame) << 32;
+        let turn = u64::from(sample / self.set) | u64::from(self.frame) << 32;
         let key = hash::mix(hash::mix(hash::mix(self.seed) ^ pixel) ^ turn);
-        self.resume(key, sample % self.batch)
+        self.resume(key, sample % self.set)
     }
 
     /// The stream with these [`Stream::parts`].
@@ -74,7 +94,8 @@ impl Sampler {
     /// The sampler of streams that were [forked](Stream::fork) `n` ways.
     #[must_use]
     pub fn forked(&self, n: u32) -> Self {
-        Self::new(self.kind, self.seed, self.frame, self.batch.saturating_mul(n))
+        let set = self.set.saturating_mul(n);
+        Self { set, ..Self::new(self.kind, self.seed, self.frame, self.batch.saturating_mul(n)) }
     }
 
     /// Whether its numbers are those of [`plain_one`] and [`plain_two`]: Sobol' points in batches of a power of two.
@@ -110,24 +131,37 @@ impl Batches {
         }
     }
 
-    /// The place of a point in its batch.
+    /// The place of a point in its set: that of [`Stream::place`], for batches of a power of two.
     #[inline(always)]
     fn place<const CODE: u32>(self, index: u32, forked: bool, seed: u32) -> u32 {
-        let computed = |batch| permute::permute_power_of_two(index, batch, seed);
+        let computed = |batch: u32| {
+            let part = index >> batch.trailing_zeros();
+            index & !(batch - 1) | permute::permute_power_of_two(index & (batch - 1), batch, part_seed(seed, part))
+        };
+        let tabled = || {
+            let part = index / permute::TABLED;
+            index & !(permute::TABLED - 1) | permute::permute16(index, part_seed(seed, part))
+        };
         match CODE {
-            TABLED => permute::permute16(index, seed),
+            TABLED => tabled(),
             COMPUTED => computed(self.batch),
             TABLED_FORKED => {
                 let mask = u32::from(forked).wrapping_neg();
-                computed(self.batch * self.splits) & mask | permute::permute16(index, seed) & !mask
+                computed(self.batch * self.splits) & mask | tabled() & !mask
             }
             _ if self.batch * self.splits == permute::TABLED => {
                 let mask = u32::from(forked).wrapping_neg();
-                permute::permute16(index, seed) & mask | computed(self.batch) & !mask
+                tabled() & mask | computed(self.batch) & !mask
             }
             _ => computed(self.batch << (u32::from(forked) * self.splits.trailing_zeros())),
         }
     }
+}
+
+/// What orders part `part` of a set; each part has an order of its own.
+#[inline(always)]
+fn part_seed(seed: u32, part: u32) -> u32 {
+    seed.wrapping_add(part.wrapping_mul(0x9E37_79B9))
 }
 
 /// Batches of the size whose orders are tabled; no path is forked.
@@ -170,7 +204,7 @@ impl Stream {
     pub fn one(&self, dimension: u32) -> f32 {
         let seed = hash::dimension(self.key, dimension);
         match self.kind {
-            method::Sampler::Sobol => sobol::one(permute(self.index, self.batch, seed as u32), seed),
+            method::Sampler::Sobol => sobol::one(self.place(seed as u32), seed),
             method::Sampler::Stratified => self.strata.one(self.index, seed),
             method::Sampler::Independent => hash::unit(hash::mix(seed ^ u64::from(self.index)) as u32),
         }
@@ -182,13 +216,20 @@ impl Stream {
     pub fn two(&self, dimension: u32) -> Vec2 {
         let seed = hash::dimension(self.key, dimension);
         match self.kind {
-            method::Sampler::Sobol => sobol::two(permute(self.index, self.batch, seed as u32), seed),
+            method::Sampler::Sobol => sobol::two(self.place(seed as u32), seed),
             method::Sampler::Stratified => self.strata.two(self.index, seed),
             method::Sampler::Independent => {
                 let bits = hash::mix(seed ^ u64::from(self.index));
                 Vec2::new(hash::unit(bits as u32), hash::unit((bits >> 32) as u32))
             }
         }
+    }
+
+    /// The point of the sequence that this one is: the batch's part of the set, in an order of its own.
+    #[inline]
+    fn place(&self, seed: u32) -> u32 {
+        let part = self.index / self.batch;
+        part * self.batch + permute(self.index % self.batch, self.batch, part_seed(seed, part))
     }
 
     /// The same point of another set: sample `k` of several that one decision takes (`light_samples`). Sets

@@ -38,9 +38,62 @@ fn a_sobol_batch_has_one_point_in_every_elementary_interval() {
 }
 
 #[test]
+fn sets_of_batches_and_their_batches_have_one_point_in_every_elementary_interval() {
+    for (batch, n) in [(16, 4), (4, 4), (16, 16)] {
+        let sampler = Sampler::new(Kind::Sobol, 3, 1, batch).in_sets(n);
+        for dimension in 0..25 {
+            let points = |first: u32, count: u32| -> Vec<Vec2> {
+                (first..first + count).map(|i| sampler.stream(dimension, 7, i).two(dimension)).collect()
+            };
+            let set = 3 * batch * n;
+            for (first, count) in (0..n).map(|part| (set + part * batch, batch)).chain([(set, batch * n)]) {
+                let m = count.trailing_zeros();
+                for k in 0..=m {
+                    assert!(one_in_each(&points(first, count), 1 << k, 1 << (m - k)), "{batch} x {n} k {k}");
+                }
+            }
+        }
+    }
+    // Only Sobol' sequences have such parts: batches of other points stay by themselves.
+    for kind in [Kind::Stratified, Kind::Independent] {
+        let sampler = Sampler::new(kind, 3, 1, 16);
+        assert_eq!(sampler.in_sets(4), sampler);
+    }
+}
+
+#[test]
+fn a_set_errs_less_than_its_batches_would_by_themselves_and_their_spread_tells_no_less() {
+    // x y^2 over one pair, plus a product over two others, which no set evens out.
+    let f = |stream: &Stream| {
+        let (u, v, w) = (stream.two(4), stream.two(5), stream.two(6));
+        f64::from(u.x * u.y * u.y + 0.02 * (v.x - 0.5) * (w.y - 0.5))
+    };
+    let variances = |n: u32| {
+        let sampler = Sampler::new(Kind::Sobol, 11, 0, 16).in_sets(n);
+        let (mut means, mut told) = (Vec::new(), 0.0);
+        for set in 0..4000u32 {
+            let batch = |b: u32| {
+                (0..16).map(|i| f(&sampler.stream(set % 50, 2, (set / 50 * 4 + b) * 16 + i))).sum::<f64>() / 16.0
+            };
+            let (mean, variance) = mean_variance(&(0..4).map(batch).collect::<Vec<f64>>());
+            means.push(mean);
+            told += variance / 4.0 / 4000.0;
+        }
+        let (mean, variance) = mean_variance(&means);
+        assert!((mean - 1.0 / 6.0).abs() < 4.0 * (variance / 4000.0).sqrt(), "{mean}");
+        (variance, told)
+    };
+    let ((alone, told_alone), (together, told_together)) = (variances(1), variances(4));
+    assert!((told_alone / alone - 1.0).abs() < 0.1, "{told_alone} of {alone}");
+    // Parts that make up for each other to the last spread by 4 / 3 of what independent ones would.
+    assert!(together < 0.4 * alone, "{together} against {alone}");
+    assert!(told_together > together && told_together < 1.45 * alone, "{told_together} of {together}");
+}
+
+#[test]
 fn forks_of_a_batch_are_a_batch_together() {
-    for (batch, ways) in [(16, 4), (8, 2), (16, 1)] {
-        let sampler = Sampler::new(Kind::Sobol, 3, 1, batch);
+    for (batch, ways, n) in [(16, 4, 1), (8, 2, 1), (16, 1, 1), (16, 4, 4)] {
+        let sampler = Sampler::new(Kind::Sobol, 3, 1, batch).in_sets(n);
         let m = (batch * ways).trailing_zeros();
         for dimension in 0..25 {
             let streams = || (0..batch).map(|i| sampler.stream(dimension, 7, 3 * batch + i));

@@ -38,7 +38,7 @@ pub fn prepare(scene: &SceneFile, method: &Method) -> Prepared {
 
 pub fn settings(scene: &SceneFile, method: &Method, batch: u32) -> RenderSettings {
     let resolution = [scene.film.width, scene.film.height];
-    RenderSettings { frame: 1, resolution, method: method.clone(), seed: 1, batch }
+    RenderSettings { frame: 1, resolution, method: method.clone(), seed: 1, batch, batches_per_set: 1 }
 }
 
 /// Render `rect` with features.

@@ -260,6 +260,7 @@ pub fn lease_of(id: u64, scene: AssetHash, rects: &[Rect], samples: u32) -> Leas
             method: common::method::Method::default(),
             seed: 0,
             batch: 16,
+            batches_per_set: 4,
         },
         units: rects.iter().enumerate().map(unit).collect(),
         request: None,

@@ -174,11 +174,11 @@ impl Integrator<'_> {
             return next;
         }
         let (requests, sampler) = (&requests[next..next + n], samplers.whole);
-        // Samples of a batch share a key.
+        // Samples of a set share a key.
         let mut before: Option<([u32; 3], u64, u32)> = None;
         for (i, &[x, y, sample]) in requests.iter().enumerate() {
             let follows = |&([px, py, previous], _, index): &([u32; 3], u64, u32)| {
-                [px, py, previous + 1] == [x, y, sample] && index + 1 < sampler.batch()
+                [px, py, previous + 1] == [x, y, sample] && index + 1 < sampler.set()
             };
             let (key, index) = match before.filter(follows) {
                 Some((_, key, index)) => (key, index + 1),

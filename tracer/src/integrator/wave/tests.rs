@@ -78,7 +78,7 @@ fn compare(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled:
     let prepared = prepare(scene, method);
     let integrator = Integrator::new(prepared.scene(), method);
     assert!(integrator.has_wave(), "{name}");
-    let sampler = Sampler::new(method.sampler, 7, 1, batch);
+    let sampler = Sampler::new(method.sampler, 7, 1, batch).in_sets(4);
     let requests: Vec<[u32; 3]> =
         (0..16).flat_map(|y| (0..24).flat_map(move |x| (0..9).map(move |s| [x, y, s * 5]))).collect();
     let (mut bright, mut counters, mut expected_counters) = (0, Counters::default(), Counters::default());
