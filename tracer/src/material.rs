@@ -32,6 +32,8 @@ pub struct Material {
 pub struct Flat {
     /// The reflectance, where it scatters by Lambert's law with one colour.
     pub diffuse: Option<Rgb>,
+    /// The facets, where it is a metal with the same everywhere.
+    pub facets: Option<Ggx>,
     /// Whether light is found by sampling the BSDF alone.
     pub delta: bool,
     /// Whether the back scatters as the front does.
@@ -217,7 +219,25 @@ impl Material {
             Kind::Diffuse { reflectance } => reflectance.as_constant().map(|_| reflectance.share_at(Vec2::ZERO)),
             _ => None,
         };
-        Flat { diffuse, delta: self.is_delta(), two_sided: self.two_sided, transmissive: self.is_transmissive() }
+        let facets = match &self.kind {
+            Kind::Conductor { ggx, tint, .. } => ggx.filter(|_| tint.as_constant().is_some()),
+            _ => None,
+        };
+        Flat {
+            diffuse,
+            facets,
+            delta: self.is_delta(),
+            two_sided: self.two_sided,
+            transmissive: self.is_transmissive(),
+        }
+    }
+
+    /// Of a metal of one tint, what a facet reflects of light that it meets at cosine `cos`; 0 of anything else.
+    #[inline]
+    #[must_use]
+    pub fn facet_reflectance(&self, cos: f32) -> Rgb {
+        let Kind::Conductor { reflectivity, tint, .. } = &self.kind else { return Rgb::ZERO };
+        Metal { reflectivity: *reflectivity, tint: tint.share_at(Vec2::ZERO) }.reflectance(cos)
     }
 
     /// Whether light is found by sampling the BSDF alone, wherever one looks.

@@ -5,7 +5,7 @@
 //! written so that nothing cancels or overflows for small alpha and at grazing angles: the distribution
 //! by slopes instead of 1 - cos^2, masking together with the cosines it is divided by.
 
-use crate::math::{Vec2, Vec3, safe_sqrt, sin_cos_turns};
+use crate::math::{Vec2, Vec3, safe_sqrt, select, sin_cos_turns};
 
 /// Below this alpha in both directions a surface counts as smooth: f32 directions cannot resolve its lobe.
 pub const SMOOTH_ALPHA: f32 = 1e-3;
@@ -30,6 +30,17 @@ impl Ggx {
             .then(|| Self { alpha_x: alpha_x.max(SMOOTH_ALPHA), alpha_y: alpha_y.max(SMOOTH_ALPHA) })
     }
 
+    /// Roughness along x and y, each at least [`SMOOTH_ALPHA`].
+    pub(crate) fn alphas(&self) -> [f32; 2] {
+        [self.alpha_x, self.alpha_y]
+    }
+
+    /// The surface that has these [`Ggx::alphas`].
+    #[inline(always)]
+    pub(crate) fn with_alphas([alpha_x, alpha_y]: [f32; 2]) -> Self {
+        Self { alpha_x, alpha_y }
+    }
+
     /// The greater alpha.
     #[must_use]
     pub fn roughest(&self) -> f32 {
@@ -37,7 +48,7 @@ impl Ggx {
     }
 
     /// Density of microfacet normals per solid angle and macroscopic area; `m.z > 0`.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn d(&self, m: Vec3) -> f32 {
         let (x, y) = (m.x / self.alpha_x, m.y / self.alpha_y);
@@ -46,21 +57,21 @@ impl Ggx {
     }
 
     /// |w| after stretching by alpha: cos (1 + 2 Lambda).
-    #[inline]
+    #[inline(always)]
     fn stretched(&self, w: Vec3) -> f32 {
         let (x, y) = (self.alpha_x * w.x, self.alpha_y * w.y);
         (x * x + y * y + w.z * w.z).sqrt()
     }
 
     /// G2 / (4 |cos_o|), height-correlated (Heitz 2014, equation 99): f |cos_i| is this times F D.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn visibility(&self, wo: Vec3, wi: Vec3) -> f32 {
         0.5 / (self.stretched(wo) + self.stretched(wi) * (wo.z / wi.z).abs())
     }
 
     /// G2 / G1(wo): the weight of a visible normal, 0 to 1.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn shadowing(&self, wo: Vec3, wi: Vec3) -> f32 {
         let lo = self.stretched(wo);
@@ -68,14 +79,14 @@ impl Ggx {
     }
 
     /// Density of visible normals over wo . m: G1(wo) D(m) / |cos_o|.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn visible_density(&self, wo: Vec3, m: Vec3) -> f32 {
         2.0 * self.d(m) / (wo.z.abs() + self.stretched(wo))
     }
 
     /// A normal visible from `wo`, `wo.z > 0` (Dupuy and Benyoub 2023, spherical caps).
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn sample_visible(&self, wo: Vec3, u: Vec2) -> Vec3 {
         let w = Vec3::new(self.alpha_x * wo.x, self.alpha_y * wo.y, wo.z);
@@ -100,18 +111,27 @@ impl Ggx {
 #[inline]
 #[must_use]
 pub fn half_vector(wo: Vec3, wi: Vec3) -> Option<(Vec3, f32)> {
-    let mut sum = wo + wi;
+    let (h, cos, some) = half_vector_if_any(wo, wi);
+    some.then_some((h, cos))
+}
+
+/// The same, and whether there is one. Without branches, so that loops over it become vector code.
+#[inline(always)]
+pub(crate) fn half_vector_if_any(wo: Vec3, wi: Vec3) -> (Vec3, f32, bool) {
+    let sum = wo + wi;
     let across = Vec2::new(wo.x - wi.x, wo.y - wi.y);
-    let across2 = across.length_squared();
-    if across2 > 1.0 {
-        let exact = (wi.z - wo.z) * (wi.z + wo.z);
-        let correction = (exact - (sum.x * across.x + sum.y * across.y)) / across2;
-        sum.x += across.x * correction;
-        sum.y += across.y * correction;
-    }
+    let across2 = across.x * across.x + across.y * across.y;
+    let exact = (wi.z - wo.z) * (wi.z + wo.z);
+    let correction = (exact - (sum.x * across.x + sum.y * across.y)) / across2;
+    let grazing = across2 > 1.0;
+    let sum = Vec3::new(
+        select(grazing, sum.x + across.x * correction, sum.x),
+        select(grazing, sum.y + across.y * correction, sum.y),
+        sum.z,
+    );
     let length = sum.length();
     // Also false for a NaN.
-    (length > 1e-15).then(|| (sum / length, 0.5 * length))
+    (sum / length, 0.5 * length, length > 1e-15)
 }
 
 /// The distribution as textbooks write it, alpha^2 / (pi (cos^2 (alpha^2 - 1) + 1)^2): kept for the

@@ -26,6 +26,10 @@ pub enum Special {
     OneEmitter,
     /// Lambert's law for many paths at once; without it, each is asked of its material.
     Lambert,
+    /// Rough metals for many paths at once; without it, each is asked of its material.
+    Facets,
+    /// Points on spheres that shine for many paths at once; without it, they are chosen one by one.
+    Balls,
     /// A pinhole, and pixels that weigh all of their area alike; without it, rays are made one by one.
     Pinhole,
     /// Points of a batch of Sobol' numbers for many paths at once; without it, they are drawn one by one.
@@ -52,6 +56,8 @@ impl Special {
         ("lamp", Self::Lamp),
         ("one-emitter", Self::OneEmitter),
         ("lambert", Self::Lambert),
+        ("facets", Self::Facets),
+        ("balls", Self::Balls),
         ("pinhole", Self::Pinhole),
         ("points", Self::Points),
         ("roulette", Self::Roulette),
@@ -79,6 +85,8 @@ impl Special {
             Self::Lamp => "lights of other shapes than one rectangle",
             Self::OneEmitter => "a number to choose a light by",
             Self::Lambert => "asking each material how it scatters",
+            Self::Facets => "asking each rough metal how it scatters",
+            Self::Balls => "points on shining spheres one by one",
             Self::Pinhole => "depth of field, pixel filters",
             Self::Points => "points drawn one by one",
             Self::Roulette => "roulette played one by one",

@@ -4,7 +4,7 @@ use super::{BsdfSample, Eval, reflect};
 use crate::{
     fresnel::{ComplexIndex, schlick_rgb},
     math::{Rgb, Vec2, Vec3},
-    microfacet::{Ggx, half_vector},
+    microfacet::{Ggx, half_vector_if_any},
 };
 
 /// How much light a metal reflects at an angle.
@@ -30,7 +30,7 @@ pub struct Metal {
 impl Metal {
     /// Share of light reflected by a facet that light meets at cosine `cos`.
     #[inline]
-    pub(super) fn reflectance(&self, cos: f32) -> Rgb {
+    pub(crate) fn reflectance(&self, cos: f32) -> Rgb {
         match &self.reflectivity {
             Reflectivity::Constant => self.tint,
             Reflectivity::Exact(index) => self.tint * index.reflectance(cos),
@@ -77,18 +77,51 @@ impl RoughConductor {
 /// Reflection by GGX facets, each with reflectance `f` of its own cosine.
 #[inline]
 pub(super) fn facets_evaluate(ggx: &Ggx, wo: Vec3, wi: Vec3, f: impl Fn(f32) -> Rgb) -> Eval {
-    let Some((m, cos)) = half_vector(wo, wi) else { return Eval::ZERO };
-    let f_cos = f(cos.min(1.0)) * (ggx.d(m) * ggx.visibility(wo, wi));
-    Eval { f_cos, pdf: 0.25 * ggx.visible_density(wo, m) }
+    let facets = Facets::between(ggx, wo, wi);
+    if !facets.some {
+        return Eval::ZERO;
+    }
+    Eval { f_cos: f(facets.cos) * facets.value, pdf: facets.pdf }
 }
 
 /// Draw a reflection by visible GGX facets.
 #[inline]
 pub(super) fn facets_sample(ggx: &Ggx, wo: Vec3, u: Vec2, f: impl Fn(f32) -> Rgb) -> Option<BsdfSample> {
-    let m = ggx.sample_visible(wo, u);
-    let cos = wo.dot(m).min(1.0);
-    let wi = m * (2.0 * cos) - wo;
-    // Also false for a NaN.
-    (cos > 0.0 && wi.z > 0.0)
-        .then(|| BsdfSample::reflection(wi, f(cos) * ggx.shadowing(wo, wi), 0.25 * ggx.visible_density(wo, m)))
+    let (wi, facets) = Facets::drawn(ggx, wo, u);
+    facets.some.then(|| BsdfSample::reflection(wi, f(facets.cos) * facets.value, facets.pdf))
+}
+
+/// The GGX facets that reflect one direction into another: all but how much light they reflect. Without branches, so that
+/// loops over it become vector code.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Facets {
+    /// Cosine at which they meet the light, at most 1.
+    pub cos: f32,
+    /// Times their reflectance: f |cos wi|, or of a direction drawn by them the weight.
+    pub value: f32,
+    /// Density over solid angle of the direction.
+    pub pdf: f32,
+    /// Whether there are any.
+    pub some: bool,
+}
+
+impl Facets {
+    /// Between `wo` and `wi`, both above the surface.
+    #[inline(always)]
+    pub fn between(ggx: &Ggx, wo: Vec3, wi: Vec3) -> Self {
+        let (m, cos, some) = half_vector_if_any(wo, wi);
+        let value = ggx.d(m) * ggx.visibility(wo, wi);
+        Self { cos: cos.min(1.0), value, pdf: 0.25 * ggx.visible_density(wo, m), some }
+    }
+
+    /// Of those visible from `wo`, above the surface, the one that `u` draws, and the direction that it reflects `wo` to.
+    #[inline(always)]
+    pub fn drawn(ggx: &Ggx, wo: Vec3, u: Vec2) -> (Vec3, Self) {
+        let m = ggx.sample_visible(wo, u);
+        let cos = wo.dot(m).min(1.0);
+        let wi = m * (2.0 * cos) - wo;
+        // Also false for a NaN.
+        let some = (cos > 0.0) & (wi.z > 0.0);
+        (wi, Self { cos, value: ggx.shadowing(wo, wi), pdf: 0.25 * ggx.visible_density(wo, m), some })
+    }
 }

@@ -13,6 +13,7 @@ mod plastic;
 mod rough_dielectric;
 
 pub use coat::{ByCosine, SchlickCoat, SplitSum, Transmittance};
+pub(crate) use conductor::Facets;
 pub use conductor::{Metal, Reflectivity, RoughConductor, SmoothConductor};
 pub use dielectric::SmoothDielectric;
 pub use diffuse::{Diffuse, Mirror};

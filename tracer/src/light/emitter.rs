@@ -139,7 +139,7 @@ impl Seen {
         match self {
             Self::Triangle(triangle) => 1.0 / triangle.solid_angle(),
             Self::Rectangle(rectangle) => 1.0 / rectangle.solid_angle(),
-            Self::Cone(cone) => ratio(1.0, cone.solid_angle()),
+            Self::Cone(cone) => cone.pdf(),
             // Points that are seen from outside are never chosen.
             Self::Around if emitter.facing(point).dot(point.as_dvec3() - from.as_dvec3()) < 0.0 => 0.0,
             Self::Around => UNIFORM_SPHERE_PDF,

@@ -6,6 +6,7 @@
 //! emitter is a primitive in world space and has one radiance.
 
 mod alias;
+mod ball;
 mod choice;
 mod cone;
 mod delta;
@@ -23,10 +24,11 @@ use std::sync::{Arc, OnceLock};
 use common::method::{LightPick, LightSampling, Method};
 
 pub use alias::AliasTable;
+pub(crate) use ball::Ball;
 pub use delta::DeltaLight;
 pub use emitter::{Emitter, EmitterSample, Stratum};
 pub use environment::{Environment, ImageEnvironment};
-pub use lamp::Lamp;
+pub use lamp::{Lamp, LampSample};
 pub use tree::group_importance;
 
 use self::choice::TreeChoice;
@@ -137,6 +139,17 @@ enum Choice {
     Table(AliasTable),
     /// One emitter or light, chances by place.
     Tree(Arc<TreeChoice>),
+}
+
+/// What [`Lights::for_all`] gives a hit.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Drawn {
+    /// Nothing that may bring light.
+    Nothing,
+    /// A sample.
+    Sample(LightSample),
+    /// A sphere to sample.
+    Ball(Ball),
 }
 
 /// What gives light.
@@ -295,18 +308,29 @@ impl Lights {
     }
 
     /// One sample of [`Lights::for_each`], of up to [`crate::lanes::WIDTH`] hits at once: `query` gives the reference and the
-    /// numbers of each, `visit` takes its sample. `round` counts the samples that a hit takes, all lights before the
-    /// next stratum of `strata`.
+    /// numbers of each, `visit` takes its sample, or with `balls` a sphere that is to be sampled by solid angle. `round`
+    /// counts the samples that a hit takes, all lights before the next stratum of `strata`.
     pub(crate) fn for_all(
         &self,
         proven: Proven,
         n: usize,
         (round, strata): (u32, u32),
+        balls: bool,
         query: impl Fn(usize) -> (Reference, f32, Vec2),
-        mut visit: impl FnMut(usize, Option<LightSample>),
+        mut visit: impl FnMut(usize, Drawn),
     ) {
         let lights = self.samples_at_once().max(1);
         let stratum = Stratum { index: round / lights, count: strata };
+        let balls = balls && self.sampling == LightSampling::SolidAngle;
+        let mut draw = |i: usize, chosen: Option<(Source, f32)>, reference: &Reference, u| {
+            let drawn = chosen.map_or(Drawn::Nothing, |(source, chosen)| {
+                let ball = if balls { self.ball(source, chosen) } else { None };
+                ball.map(Drawn::Ball).unwrap_or_else(|| {
+                    self.sample_source(source, chosen, reference, u, stratum).map_or(Drawn::Nothing, Drawn::Sample)
+                })
+            });
+            visit(i, drawn);
+        };
         match &self.choice {
             Choice::Tree(tree) => {
                 let number = |i| {
@@ -320,23 +344,28 @@ impl Lights {
                 };
                 tree.pick_all(proven, n, number, soon, |i, chosen| {
                     let (reference, _, u) = query(i);
-                    visit(i, chosen.and_then(|(source, p)| self.sample_source(source, p, &reference, u, stratum)));
+                    draw(i, chosen, &reference, u);
                 });
             }
             Choice::All => {
                 let light = self.live.get((round % lights) as usize);
+                // The same sphere for every hit.
+                let ball = light.and_then(|&light| self.lone_source(light)).filter(|_| balls);
+                if let Some(ball) = ball.and_then(|source| self.ball(source, 1.0)) {
+                    return (0..n).for_each(|i| visit(i, Drawn::Ball(ball)));
+                }
                 for i in 0..n {
                     let (reference, pick, u) = query(i);
-                    let of = |&light| self.sample_light(light, 1.0, alias::lengthen(pick, u), &reference, u, stratum);
-                    visit(i, light.and_then(of));
+                    let of = |&light| self.source(light, 1.0, alias::lengthen(pick, u));
+                    draw(i, light.and_then(of), &reference, u);
                 }
             }
-            Choice::Table(_) => {
+            Choice::Table(table) => {
                 for i in 0..n {
                     let (reference, pick, u) = query(i);
-                    let mut found = None;
-                    self.for_each(&reference, stratum, || (pick, u), |sample| found = Some(sample));
-                    visit(i, found);
+                    let light = table.pick(alias::lengthen(pick, u));
+                    let of = |(light, probability, rest)| self.source(light, probability, rest);
+                    draw(i, light.and_then(of), &reference, u);
                 }
             }
         }
@@ -425,15 +454,44 @@ impl Lights {
         u: Vec2,
         stratum: Stratum,
     ) -> Option<LightSample> {
+        let (source, chosen) = self.source(light, chosen, rest)?;
+        self.sample_source(source, chosen, reference, u, stratum)
+    }
+
+    /// What `rest` chooses of the light with this number, which was chosen with probability `chosen`; and the probability of
+    /// both.
+    #[inline]
+    fn source(&self, light: u32, chosen: f32, rest: f64) -> Option<(Source, f32)> {
         let index = light as usize;
         if let Some(area) = self.areas.get(index) {
             let (primitive, probability, _) = area.table.pick(rest)?;
-            let emitter = Source::Emitter(area.first + primitive);
-            return self.sample_source(emitter, chosen * probability, reference, u, stratum);
+            return Some((Source::Emitter(area.first + primitive), chosen * probability));
         }
         let delta = index - self.areas.len();
-        let source = if delta < self.deltas.len() { Source::Delta(delta as u32) } else { Source::Environment };
-        self.sample_source(source, chosen, reference, u, stratum)
+        Some((if delta < self.deltas.len() { Source::Delta(delta as u32) } else { Source::Environment }, chosen))
+    }
+
+    /// The emitter that is all of the light with this number.
+    fn lone_source(&self, light: u32) -> Option<Source> {
+        let area = self.areas.get(light as usize).filter(|area| area.table.len() == 1)?;
+        Some(Source::Emitter(area.first))
+    }
+
+    /// The sphere that was chosen with probability `chosen`, if it is one.
+    #[inline]
+    fn ball(&self, source: Source, chosen: f32) -> Option<Ball> {
+        let Source::Emitter(emitter) = source else { return None };
+        let primitive = &self.emitters[emitter as usize];
+        let Emitter::Sphere { center, radius } = primitive.shape else { return None };
+        let Area { radiance, two_sided, .. } = self.areas[primitive.area as usize];
+        Some(Ball { center, radius, two_sided, radiance, chosen })
+    }
+
+    /// Whether any emitter is a sphere that is sampled by solid angle.
+    #[must_use]
+    pub fn has_balls(&self) -> bool {
+        self.sampling == LightSampling::SolidAngle
+            && self.emitters.iter().any(|primitive| matches!(primitive.shape, Emitter::Sphere { .. }))
     }
 
     /// A sample of what was chosen with probability `chosen`.

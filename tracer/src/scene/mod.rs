@@ -118,6 +118,9 @@ impl Draft {
         if leaves(Special::Lambert) {
             parts.flats.iter_mut().for_each(|flat| flat.diffuse = None);
         }
+        if leaves(Special::Facets) {
+            parts.flats.iter_mut().for_each(|flat| flat.facets = None);
+        }
         let accel = Accel::build_with(self.world, self.options);
         let records = record::of(&accel, &parts).into();
         Scene { accel: Arc::new(accel), parts: Arc::new(parts), lights: self.lights, records, without }
@@ -173,7 +176,7 @@ impl Scene {
     /// The same scene with more specialisations left unused; `None` where it must be built anew for that.
     #[must_use]
     pub fn leaving(&self, without: Without) -> Option<Scene> {
-        let built = [Special::Few, Special::Quads, Special::Lambert, Special::Avx512, Special::Avx2];
+        let built = [Special::Few, Special::Quads, Special::Lambert, Special::Facets, Special::Avx512, Special::Avx2];
         let fits = self.without == Without::NOTHING && !built.iter().any(|special| without.leaves(*special));
         fits.then(|| Scene {
             accel: Arc::clone(&self.accel),
@@ -201,6 +204,12 @@ impl Scene {
     #[must_use]
     pub fn has_lambert(&self) -> bool {
         self.parts.flats.iter().any(|flat| flat.diffuse.is_some())
+    }
+
+    /// Whether rough metal of one tint is the whole of any material.
+    #[must_use]
+    pub fn has_facets(&self) -> bool {
+        self.parts.flats.iter().any(|flat| flat.facets.is_some())
     }
 
     /// Where the surfaces are.

@@ -4,6 +4,7 @@ use super::Parts;
 use crate::{
     geometry::{Accel, Hit},
     math::{Rgb, Vec3},
+    microfacet::Ggx,
 };
 
 /// A primitive of a world that needs no tree.
@@ -19,6 +20,8 @@ pub struct Record {
     pub emitter: u32,
     /// Of Lambert's law with one colour, that colour.
     pub diffuse: Option<Rgb>,
+    /// Of a rough metal of one tint, its facets.
+    pub facets: Option<Ggx>,
     /// Whether deltas are all that its material has.
     pub delta: bool,
     /// Whether an opaque surface scatters on its back as on its front.
@@ -39,6 +42,7 @@ impl Record {
             material: surface.material,
             emitter: surface.emitter(primitive),
             diffuse: flat.diffuse,
+            facets: flat.facets,
             delta: flat.delta,
             two_sided: flat.two_sided,
             transmissive: flat.transmissive,

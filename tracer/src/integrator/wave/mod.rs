@@ -23,8 +23,9 @@ use state::{Came, Scatters};
 
 use super::{Integrator, Kernel, Sample, Strategy, dimension, power_heuristic, roulette::FIRST};
 use crate::{
+    bsdf::Eval,
     geometry::{Counters, Rays, SurfacePoint, spawn},
-    light::Reference,
+    light::{Drawn, Reference},
     material::Material,
     math::{Rgb, Vec2, Vec3},
     sampler::{Batches, Sampler},
@@ -96,6 +97,7 @@ impl Integrator<'_> {
         let points = waves && sampler.is_plain();
         let few = waves && self.scene.accel().is_small();
         let pinhole = self.scene.camera().is_plain();
+        let balls = self.direct.samples_lights() && self.scene.lights().has_balls();
         let lambert = waves && self.scene.has_lambert();
         let ends_early = !facts.delta && self.direct == Strategy::Light;
         let compiled = Compiled::detect();
@@ -112,6 +114,8 @@ impl Integrator<'_> {
             (waves && self.lamp.is_some(), alone(Special::Lamp)),
             (facts.one_emitter && self.direct.samples_lights(), (Special::OneEmitter, vec![Special::Lamp])),
             (lambert, alone(Special::Lambert)),
+            (waves && self.scene.has_facets(), alone(Special::Facets)),
+            (waves && balls, alone(Special::Balls)),
             (pinhole, alone(Special::Pinhole)),
             (points, alone(Special::Points)),
             (points && self.roulette == Roulette::Throughput, alone(Special::Roulette)),
@@ -372,16 +376,20 @@ impl Integrator<'_> {
             let imprecise = gathers & mask_of(&wave.infinite);
             if imprecise != 0 {
                 // The solid angle could not be told: by area, as one path would.
-                self.wave_light_samples(wave, samplers, round, imprecise);
+                self.wave_light_samples(wave, samplers, round, imprecise, false);
             }
         } else {
-            self.wave_light_samples(wave, samplers, round, gathers);
+            self.wave_light_samples(wave, samplers, round, gathers, !self.without.leaves(Special::Balls));
         }
         stages::direct_diffuse(wave.proven, wave, self.direct == Strategy::Mis, self.light_samples as f32);
+        if wave.any_facets() {
+            stages::direct_facets(wave.proven, wave);
+        }
         for i in lanes_of(gathers & wave.others) {
             match wave.scatters[i] {
                 Scatters::Diffuse => {}
                 Scatters::Delta => wave.lit[i] = NO,
+                Scatters::Facets => self.wave_direct_facets(wave, i),
                 Scatters::Other => self.wave_direct_other(wave, i),
             }
         }
@@ -410,14 +418,19 @@ impl Integrator<'_> {
         }
     }
 
-    /// Light samples of any kind, for the lanes in `gathers` whose material is no delta.
-    fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64) {
+    /// Light samples of any kind, for the lanes in `gathers` whose material is no delta; those of spheres at once, if
+    /// `balls` says so.
+    fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64, balls: bool) {
         let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
+        if self.choice {
+            wave.draw_one(samplers, dimension::LIGHT_CHOICE);
+        }
+        wave.ball = [NO; WIDTH];
         for i in lanes_of(gathers) {
             wave.lit[i] = NO;
             if wave.scatters[i] != Scatters::Delta {
                 if self.choice {
-                    picks[n] = wave.stream(samplers, i).one(dimension::at(wave.depth[i], dimension::LIGHT_CHOICE));
+                    picks[n] = wave.u_one[i];
                 }
                 lanes[n] = i;
                 n += 1;
@@ -429,11 +442,35 @@ impl Integrator<'_> {
             *reference = (Reference { p: wave.p.at(i), n: wave.n_reflecting.at(i) }, u);
         }
         let query = |k: usize| (references[k].0, picks[k], references[k].1);
-        self.scene.lights().for_all(wave.proven, n, (round, self.light_samples), query, |k, sample| {
-            if let Some(light) = sample {
-                wave.set_light(lanes[k], &light);
+        self.scene.lights().for_all(
+            wave.proven,
+            n,
+            (round, self.light_samples),
+            balls,
+            query,
+            |k, drawn| match drawn {
+                Drawn::Nothing => {}
+                Drawn::Sample(light) => wave.set_light(lanes[k], &light),
+                Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball),
+            },
+        );
+        if mask_of(&wave.ball) != 0 {
+            stages::ball_light(wave.proven, wave);
+            let imprecise = mask_of(&wave.ball) & mask_of(&wave.infinite);
+            if imprecise != 0 {
+                // From inside, as one path would.
+                self.wave_light_samples(wave, samplers, round, imprecise, false);
             }
-        });
+        }
+    }
+
+    /// What a light sample brings by way of a rough metal, once its facets are known.
+    fn wave_direct_facets(&self, wave: &mut Wave, i: usize) {
+        if wave.lit[i] == NO {
+            return;
+        }
+        let f_cos = self.wave_material(wave, i).facet_reflectance(wave.facet_cos[i]) * wave.facet_value[i];
+        self.wave_brings(wave, i, Eval { f_cos, pdf: wave.facet_pdf[i] });
     }
 
     /// What a light sample brings by way of a material that the stages do not know.
@@ -453,7 +490,13 @@ impl Integrator<'_> {
         if bsdf.is_delta() {
             return;
         }
-        let eval = bsdf.evaluate(wo, wi);
+        self.wave_brings(wave, i, bsdf.evaluate(wo, wi));
+    }
+
+    /// What a light sample brings by way of a BSDF with these values.
+    #[inline(always)]
+    fn wave_brings(&self, wave: &mut Wave, i: usize, eval: Eval) {
+        wave.lit[i] = NO;
         if eval.f_cos == Rgb::ZERO {
             return;
         }
@@ -489,9 +532,13 @@ impl Integrator<'_> {
             let unasked = wave.depth[i] + 1 == last && !self.deltas;
             wave.end(i, absorbed && black && !unasked);
         }
-        if wave.others != 0 {
-            for i in lanes_of(wave.others & wave.active()) {
-                self.wave_scatter_other(wave, samplers, came, i);
+        if wave.any_facets() {
+            stages::scatter_facets(wave.proven, wave);
+        }
+        for i in lanes_of(wave.others & wave.active()) {
+            match wave.scatters[i] {
+                Scatters::Facets => self.wave_scatter_facets(wave, came, i),
+                _ => self.wave_scatter_other(wave, samplers, came, i),
             }
         }
         let plain = wave.plain_points && !self.without.leaves(Special::Roulette);
@@ -536,6 +583,33 @@ impl Integrator<'_> {
         }
         wave.came[i] = if sample.delta { Came::Only } else { came };
         wave.pdf[i] = wave.ways[i] * sample.pdf;
+    }
+
+    /// A direction of a rough metal, once its facet is known.
+    fn wave_scatter_facets(&self, wave: &mut Wave, came: Came, i: usize) {
+        let depth = wave.depth[i];
+        let last = depth + 1 == self.max_depth && !self.direct.rays_find_light();
+        if last && !self.deltas {
+            return wave.end(i, false);
+        }
+        let material = self.wave_material(wave, i);
+        let black = || depth == 0 && material.facet_reflectance(1.0) == Rgb::ZERO;
+        if wave.facet_pdf[i] < 0.0 {
+            let black = black();
+            return wave.end(i, black);
+        }
+        if (wave.wi.at(i).dot(wave.ng.at(i)) > 0.0) != (wave.front[i] == YES) {
+            return wave.end(i, false);
+        }
+        let weight = material.facet_reflectance(wave.facet_cos[i]) * wave.facet_value[i];
+        let throughput = wave.throughput.at(i) * weight;
+        wave.throughput.set(i, throughput);
+        if throughput == Rgb::ZERO || last {
+            let black = throughput == Rgb::ZERO && black();
+            return wave.end(i, black);
+        }
+        wave.came[i] = came;
+        wave.pdf[i] = wave.ways[i] * wave.facet_pdf[i];
     }
 
     fn wave_roulette(&self, wave: &mut Wave, samplers: &Samplers) {

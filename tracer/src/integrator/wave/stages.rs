@@ -2,12 +2,14 @@
 
 use super::state::{Came, Fresh, Scatters, Wave};
 use crate::{
+    bsdf::Facets,
     camera::Camera,
     geometry::{Spared, spawn, spawn_to, surface::triangle_point},
     integrator::{dimension, power_heuristic},
     lanes::{Flag, NO, YES, covering, stage},
-    light::Lamp,
+    light::{Ball, Lamp},
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
+    microfacet::Ggx,
     sampler::{Batches, COMPUTED, COMPUTED_FORKED, TABLED, TABLED_FORKED, plain_one, plain_two},
 };
 
@@ -89,6 +91,26 @@ fn draw_two_by<const CODE: u32>(w: &mut Wave, which: u32, batches: Batches) {
 }
 
 stage! {
+    /// A number for decision `which` of each path, of a plain sampler.
+    pub(super) fn draw_one(w: &mut Wave, which: u32, batches: Batches) {
+        match batches.code() {
+            TABLED => draw_one_by::<TABLED>(w, which, batches),
+            COMPUTED => draw_one_by::<COMPUTED>(w, which, batches),
+            TABLED_FORKED => draw_one_by::<TABLED_FORKED>(w, which, batches),
+            _ => draw_one_by::<COMPUTED_FORKED>(w, which, batches),
+        }
+    }
+}
+
+#[inline(always)]
+fn draw_one_by<const CODE: u32>(w: &mut Wave, which: u32, batches: Batches) {
+    for i in 0..covering(w.n) {
+        let forked = w.forked[i] == YES;
+        w.u_one[i] = plain_one::<CODE>(w.key[i], w.index[i], forked, batches, dimension::at(w.depth[i], which));
+    }
+}
+
+stage! {
     /// Which paths gather light: those alive whose next scattering is counted.
     pub(super) fn gather(w: &mut Wave, least: u32, most: u32) {
         for i in 0..covering(w.n) {
@@ -114,6 +136,54 @@ stage! {
             w.light_pdf[i] = sample.pdf;
             w.lit[i] = Flag::from(sample.valid & sample.precise);
             w.infinite[i] = Flag::from(sample.valid & !sample.precise);
+        }
+    }
+}
+
+stage! {
+    /// A point on its sphere for each path that has one. `infinite` marks those for which that cannot be done.
+    pub(super) fn ball_light(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let ball = Ball {
+                center: w.ball_center.at(i),
+                radius: w.ball_radius[i],
+                two_sided: w.ball_two_sided[i] == YES,
+                radiance: w.light_radiance.at(i),
+                chosen: w.ball_chosen[i],
+            };
+            let is_ball = w.ball[i] == YES;
+            let sample = ball.sample(w.p.at(i), Vec2::new(w.u[0][i], w.u[1][i]));
+            w.wi.set(i, select3(is_ball, sample.wi, w.wi.at(i)));
+            w.light.set(i, select3(is_ball, sample.point, w.light.at(i)));
+            w.light_error.set(i, select3(is_ball, sample.point_error, w.light_error.at(i)));
+            w.light_ng.set(i, select3(is_ball, sample.ng, w.light_ng.at(i)));
+            w.light_pdf[i] = select(is_ball, sample.pdf, w.light_pdf[i]);
+            w.lit[i] = Flag::from(is_ball & sample.valid & sample.precise | !is_ball & (w.lit[i] == YES));
+            w.infinite[i] = Flag::from(is_ball & !sample.precise | !is_ball & (w.infinite[i] == YES));
+        }
+    }
+}
+
+stage! {
+    /// The facets of rough metal that reflect light samples to where each path came from; lanes of other materials are
+    /// left alone. Where there are none, nothing is lit.
+    pub(super) fn direct_facets(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let rough = w.scatters[i] as u32 == Scatters::Facets as u32;
+            let frame = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: w.ng.at(i) };
+            let (light_wi, wo) = (w.wi.at(i), w.wo.at(i));
+            let wi = frame.to_local(light_wi);
+            let transmission = (wi.z > 0.0) != (wo.z > 0.0);
+            let passes = (light_wi.dot(frame.n) > 0.0) != (w.front[i] == YES);
+            let back = (w.two_sided[i] == YES) & (wo.z < 0.0) & (wi.z < 0.0);
+            let above = (wo.z > 0.0) & (wi.z > 0.0) | back;
+            let up = |v: Rgb| Rgb::new(v.x, v.y, select(back, -v.z, v.z));
+            let facets = Facets::between(&Ggx::with_alphas([w.alphas[0][i], w.alphas[1][i]]), up(wo), up(wi));
+            w.facet_cos[i] = facets.cos;
+            w.facet_value[i] = facets.value;
+            w.facet_pdf[i] = facets.pdf;
+            let some = (transmission == passes) & above & facets.some;
+            w.lit[i] = Flag::from((w.lit[i] == YES) & (!rough | some));
         }
     }
 }
@@ -221,6 +291,27 @@ stage! {
             w.pdf[i] = select(diffuse, pdf, w.pdf[i]);
             w.ended[i] = Flag::from(ended);
             w.came[i] = came;
+        }
+    }
+}
+
+stage! {
+    /// The direction to which a facet of rough metal reflects each path; lanes of other materials are left alone.
+    pub(super) fn scatter_facets(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let rough = w.scatters[i] as u32 == Scatters::Facets as u32;
+            let wo = w.wo.at(i);
+            let back = wo.z < 0.0;
+            let scatters = (wo.z > 0.0) | back & (w.two_sided[i] == YES);
+            let above = Rgb::new(wo.x, wo.y, wo.z.abs());
+            let ggx = Ggx::with_alphas([w.alphas[0][i], w.alphas[1][i]]);
+            let (mut local, facets) = Facets::drawn(&ggx, above, Vec2::new(w.u[0][i], w.u[1][i]));
+            local.z = select(back, -local.z, local.z);
+            let wi = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: w.ng.at(i) }.to_world(local);
+            w.wi.set(i, select3(rough, wi, w.wi.at(i)));
+            w.facet_cos[i] = facets.cos;
+            w.facet_value[i] = facets.value;
+            w.facet_pdf[i] = select(scatters & facets.some, facets.pdf, -1.0);
         }
     }
 }

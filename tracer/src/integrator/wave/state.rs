@@ -5,7 +5,7 @@ use crate::{
     geometry::{FewRays, Found, Ray, Spared},
     integrator::{Arrival, Sample, dimension},
     lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES, lanes_of, mask_of},
-    light::{LightSample, Reference},
+    light::{Ball, LightSample, Reference},
     math::{Frame, Rgb, Vec3},
     sampler::Stream,
     scene::{NO_EMITTER, Record},
@@ -27,6 +27,8 @@ pub(super) enum Came {
 pub(super) enum Scatters {
     /// Lambert's law with a constant colour: stages do it.
     Diffuse,
+    /// Rough metal of one tint: stages do it, but for how much light its facets reflect.
+    Facets,
     /// Anything else: asked one path at a time.
     Other,
     /// Deltas alone.
@@ -94,9 +96,15 @@ pub struct Wave {
     pub(super) two_sided: Lane<Flag>,
     pub(super) transmissive: Lane<Flag>,
     pub(super) reflectance: Lane3,
+    /// Of rough metal, the roughness of its facets.
+    pub(super) alphas: [Lane<f32>; 2],
+    /// Of rough metal, the [`Facets`](crate::bsdf::Facets) of a direction; a density below 0 where there are none.
+    pub(super) facet_cos: Lane<f32>,
+    pub(super) facet_value: Lane<f32>,
+    pub(super) facet_pdf: Lane<f32>,
     /// A bit for each lane whose surface is an emitter.
     pub(super) emitters: u64,
-    /// A bit for each lane whose material stages do not know.
+    /// A bit for each lane whose material is not Lambert's law.
     pub(super) others: u64,
     /// Whether light is gathered here.
     pub(super) gathers: Lane<Flag>,
@@ -104,6 +112,7 @@ pub struct Wave {
     pub(super) ended: Lane<Flag>,
     // Random numbers.
     pub(super) u: [Lane<f32>; 2],
+    pub(super) u_one: Lane<f32>,
     // A light sample and what it brings, shadows left out.
     pub(super) lit: Lane<Flag>,
     pub(super) wi: Lane3,
@@ -114,6 +123,12 @@ pub struct Wave {
     pub(super) light_pdf: Lane<f32>,
     pub(super) infinite: Lane<Flag>,
     pub(super) brings: Lane3,
+    // Of spheres that are to be sampled: which lanes have one, and what it is.
+    pub(super) ball: Lane<Flag>,
+    pub(super) ball_center: Lane3,
+    pub(super) ball_radius: Lane<f32>,
+    pub(super) ball_two_sided: Lane<Flag>,
+    pub(super) ball_chosen: Lane<f32>,
     /// Of several light samples, what arrived.
     pub(super) sum: Lane3,
     pub(super) shadow_origin: Lane3,
@@ -153,7 +168,8 @@ pub(super) struct Fork {
     scatters: Scatters,
     two_sided: Flag,
     reflectance: Rgb,
-    /// 1 where stages do not know the material.
+    alphas: [f32; 2],
+    /// 1 where the material is not Lambert's law.
     other: u64,
 }
 
@@ -235,11 +251,16 @@ impl Wave {
             two_sided: [NO; WIDTH],
             transmissive: [NO; WIDTH],
             reflectance: zeros,
+            alphas: [zero; 2],
+            facet_cos: zero,
+            facet_value: zero,
+            facet_pdf: zero,
             emitters: 0,
             others: 0,
             gathers: [NO; WIDTH],
             ended: [NO; WIDTH],
             u: [zero; 2],
+            u_one: zero,
             lit: [NO; WIDTH],
             wi: zeros,
             light: zeros,
@@ -249,6 +270,11 @@ impl Wave {
             light_pdf: zero,
             infinite: [NO; WIDTH],
             brings: zeros,
+            ball: [NO; WIDTH],
+            ball_center: zeros,
+            ball_radius: zero,
+            ball_two_sided: [NO; WIDTH],
+            ball_chosen: zero,
             sum: zeros,
             shadow_origin: zeros,
             shadow_direction: zeros,
@@ -383,6 +409,7 @@ impl Wave {
             scatters: self.scatters[i],
             two_sided: self.two_sided[i],
             reflectance: self.reflectance.at(i),
+            alphas: [self.alphas[0][i], self.alphas[1][i]],
             other: self.others >> i & 1,
         }
     }
@@ -412,6 +439,7 @@ impl Wave {
         self.scatters[i] = fork.scatters;
         self.two_sided[i] = fork.two_sided;
         self.reflectance.set(i, fork.reflectance);
+        [self.alphas[0][i], self.alphas[1][i]] = fork.alphas;
         self.others = self.others & !(1 << i) | fork.other << i;
     }
 
@@ -453,11 +481,15 @@ impl Wave {
         self.surface[i] = record.surface;
         self.emitters |= u64::from(record.emitter != NO_EMITTER) << i;
         self.others |= u64::from(record.diffuse.is_none()) << i;
-        self.scatters[i] = match (record.diffuse, record.delta) {
-            (Some(_), _) => Scatters::Diffuse,
-            (None, true) => Scatters::Delta,
-            (None, false) => Scatters::Other,
+        self.scatters[i] = match (record.diffuse, record.facets, record.delta) {
+            (Some(_), ..) => Scatters::Diffuse,
+            (None, Some(_), _) => Scatters::Facets,
+            (None, None, true) => Scatters::Delta,
+            (None, None, false) => Scatters::Other,
         };
+        if let Some(facets) = record.facets {
+            [self.alphas[0][i], self.alphas[1][i]] = facets.alphas();
+        }
         self.reflectance.set(i, record.diffuse.unwrap_or(Rgb::ZERO));
         self.two_sided[i] = Flag::from(record.two_sided);
         self.transmissive[i] = Flag::from(record.transmissive);
@@ -474,6 +506,33 @@ impl Wave {
         // A lamp that no ray can hit is told by the sign.
         self.light_pdf[i] = if light.delta { -light.pdf } else { light.pdf };
         self.infinite[i] = Flag::from(!light.distance.is_finite());
+    }
+
+    #[inline(always)]
+    pub(super) fn set_ball(&mut self, i: usize, ball: &Ball) {
+        self.ball[i] = YES;
+        self.ball_center.set(i, ball.center);
+        self.ball_radius[i] = ball.radius;
+        self.ball_two_sided[i] = Flag::from(ball.two_sided);
+        self.ball_chosen[i] = ball.chosen;
+        self.light_radiance.set(i, ball.radiance);
+    }
+
+    /// Whether any path is on rough metal that stages know.
+    #[inline(always)]
+    pub(super) fn any_facets(&self) -> bool {
+        self.others != 0 && lanes_of(self.others & self.active()).any(|i| self.scatters[i] == Scatters::Facets)
+    }
+
+    /// A number for each path, into `u_one`: that of decision `which` at its vertex.
+    pub(super) fn draw_one(&mut self, samplers: &Samplers, which: u32) {
+        if self.plain_points {
+            stages::draw_one(self.proven, self, which, samplers.batches);
+        } else {
+            for i in lanes_of(self.active()) {
+                self.u_one[i] = self.stream(samplers, i).one(dimension::at(self.depth[i], which));
+            }
+        }
     }
 
     /// A pair of numbers for each path, into `u`: those of decision `which` at its vertex.

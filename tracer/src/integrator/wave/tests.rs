@@ -38,6 +38,9 @@ fn scene(lights: serde_json::Value, extra: serde_json::Value) -> SceneFile {
             "glass": { "type": "dielectric" },
             "frosted": { "type": "dielectric", "roughness": 0.3 },
             "metal": { "type": "conductor", "metal": "Au", "roughness": 0.2 },
+            "plate": { "type": "conductor", "reflectance": [0.9, 0, 0.5], "roughness": 0.02, "two_sided": false },
+            "satin": { "type": "conductor", "metal": "Cu", "roughness": 0.4, "reflectance": [1, 0.9, 0.5] },
+            "soot": { "type": "conductor", "reflectance": 0, "roughness": 0.5 },
             "coat": { "type": "plastic", "reflectance": 0.5, "roughness": 0.1 }
         },
         "shapes": shapes
@@ -53,6 +56,27 @@ fn scene(lights: serde_json::Value, extra: serde_json::Value) -> SceneFile {
 fn balls() -> serde_json::Value {
     let ball = |material: &str, x: f64| json!({ "type": "sphere", "material": material, "center": [x, 1.6, 0.5], "radius": 0.35 });
     json!([ball("mirror", -2.0), ball("glass", -1.0), ball("frosted", 0.0), ball("metal", 1.0), ball("coat", 2.0)])
+}
+
+/// Rough metals: seen from both sides, lit flatly, black.
+fn metals() -> serde_json::Value {
+    let ball = |material: &str, x: f64| json!({ "type": "sphere", "material": material, "center": [x, 1.6, 0.5], "radius": 0.35 });
+    let quad = |material: &str, x: f64, turned: bool| {
+        let mut vertices = [[x, 0.1, 1.5], [x + 1.0, 0.1, 1.5], [x + 1.0, 0.9, 0.7], [x, 0.9, 0.7]];
+        if turned {
+            vertices.reverse();
+        }
+        json!({ "type": "quad", "material": material, "vertices": vertices })
+    };
+    json!([
+        ball("metal", -1.5),
+        ball("satin", -0.5),
+        ball("soot", 0.5),
+        ball("plate", 1.5),
+        quad("plate", -2.0, false),
+        quad("plate", -0.8, true),
+        quad("satin", 0.4, true)
+    ])
 }
 
 fn lamp() -> serde_json::Value {
@@ -111,6 +135,16 @@ fn every_sample_has_the_bits_of_one_path_alone() {
                 "triangles": [[0, 1, 2]], "emission": 8 }] }),
         ),
         ("a sphere", json!({ "shapes": [{ "type": "sphere", "center": [0, 3, 0], "radius": 0.3, "emission": 20 }] })),
+        (
+            "spheres from without and within",
+            json!({ "shapes": [
+                { "type": "sphere", "center": [0, 3, 0], "radius": 0.3, "emission": 20 },
+                { "type": "sphere", "center": [-2, 0.5, 1], "radius": 0.6, "emission": [0, 3, 1] },
+                { "type": "sphere", "center": [0, 1, 0], "radius": 20, "emission": { "radiance": 0.2, "two_sided": true } },
+                { "type": "sphere", "center": [0, 1, 0], "radius": 25, "emission": 1 },
+                { "type": "quad", "vertices": [[-1, 3.9, -1], [0, 3.9, -1], [0, 3.9, 0], [-1, 3.9, 0]], "emission": 5 }
+            ] }),
+        ),
         ("a point", json!({ "lights": [{ "type": "point", "position": [0, 3, 1], "intensity": 9 }] })),
         ("a sky", json!({ "environment": { "type": "constant", "radiance": [0.5, 0.7, 1] } })),
         (
@@ -148,7 +182,7 @@ fn every_sample_has_the_bits_of_one_path_alone() {
     add("stratified", &|m| m.sampler = Kind::Stratified);
     for (lamp, lights) in &lamps {
         for (method_name, method) in &methods {
-            for extra in [json!([]), balls()] {
+            for extra in [json!([]), balls(), metals()] {
                 let scene = scene(lights.clone(), extra);
                 let bright = compare(&format!("{lamp}, {method_name}"), &scene, method, 16, Compiled::detect());
                 // Without a bounce only lamps that the camera sees are bright.
