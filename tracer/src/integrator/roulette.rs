@@ -18,8 +18,18 @@ pub fn survival(rule: Roulette, depth: u32, throughput: Rgb) -> Option<f32> {
     match rule {
         Roulette::Off => None,
         Roulette::Fixed => Some(FIXED_ROULETTE_SURVIVAL),
-        Roulette::Throughput => below(1.0, depth, throughput),
-        Roulette::Late => below(LATE_ROULETTE_WEIGHT, depth, throughput),
+        Roulette::Throughput | Roulette::Late => below(weight_window(rule)?, depth, throughput),
+    }
+}
+
+/// The throughput below which paths are at risk, under the rules that look at it.
+#[inline]
+#[must_use]
+pub(super) fn weight_window(rule: Roulette) -> Option<f32> {
+    match rule {
+        Roulette::Off | Roulette::Fixed => None,
+        Roulette::Throughput => Some(1.0),
+        Roulette::Late => Some(LATE_ROULETTE_WEIGHT),
     }
 }
 

@@ -21,7 +21,10 @@ use common::method::Roulette;
 use crate::lanes::{Flag, Lane, Lane3, NO, YES, lanes_of, mask_of};
 use state::{Came, Scatters};
 
-use super::{Integrator, Kernel, Sample, Strategy, dimension, power_heuristic, roulette::FIRST};
+use super::{
+    Integrator, Kernel, Sample, Strategy, dimension, power_heuristic,
+    roulette::{FIRST, weight_window},
+};
 use crate::{
     bsdf::Eval,
     geometry::{Counters, Rays, SurfacePoint, spawn},
@@ -118,7 +121,7 @@ impl Integrator<'_> {
             (waves && balls, alone(Special::Balls)),
             (pinhole, alone(Special::Pinhole)),
             (points, alone(Special::Points)),
-            (points && self.roulette == Roulette::Throughput, alone(Special::Roulette)),
+            (points && weight_window(self.roulette).is_some(), alone(Special::Roulette)),
             (ends_early, alone(Special::NoDeltas)),
             (compiled == Compiled::Avx512, alone(Special::Avx512)),
             (compiled != Compiled::Baseline, (Special::Avx2, vec![Special::Avx512])),
@@ -542,8 +545,8 @@ impl Integrator<'_> {
             }
         }
         let plain = wave.plain_points && !self.without.leaves(Special::Roulette);
-        if self.roulette == Roulette::Throughput && plain {
-            stages::roulette(wave.proven, wave, FIRST, samplers.batches);
+        if let (Some(weight), true) = (weight_window(self.roulette), plain) {
+            stages::roulette(wave.proven, wave, FIRST, weight, samplers.batches);
             for i in lanes_of(mask_of(&wave.ended)) {
                 wave.end(i, false);
             }

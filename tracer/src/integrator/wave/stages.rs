@@ -317,24 +317,24 @@ stage! {
 }
 
 stage! {
-    /// Roulette by throughput, with numbers of a plain sampler.
-    pub(super) fn roulette(w: &mut Wave, after: u32, batches: Batches) {
+    /// Roulette by throughput below `weight`, with numbers of a plain sampler.
+    pub(super) fn roulette(w: &mut Wave, after: u32, weight: f32, batches: Batches) {
         match batches.code() {
-            TABLED => roulette_by::<TABLED>(w, after, batches),
-            COMPUTED => roulette_by::<COMPUTED>(w, after, batches),
-            TABLED_FORKED => roulette_by::<TABLED_FORKED>(w, after, batches),
-            _ => roulette_by::<COMPUTED_FORKED>(w, after, batches),
+            TABLED => roulette_by::<TABLED>(w, after, weight, batches),
+            COMPUTED => roulette_by::<COMPUTED>(w, after, weight, batches),
+            TABLED_FORKED => roulette_by::<TABLED_FORKED>(w, after, weight, batches),
+            _ => roulette_by::<COMPUTED_FORKED>(w, after, weight, batches),
         }
     }
 }
 
 #[inline(always)]
-fn roulette_by<const CODE: u32>(w: &mut Wave, after: u32, batches: Batches) {
+fn roulette_by<const CODE: u32>(w: &mut Wave, after: u32, weight: f32, batches: Batches) {
     for i in 0..covering(w.n) {
         let throughput = w.throughput.at(i);
         let left = throughput * w.eta2[i];
         let (xy, z) = (select(left.x > left.y, left.x, left.y), left.z);
-        let q = select(xy > z, xy, z);
+        let q = select(xy > z, xy, z) / weight;
         let dimension = dimension::at(w.depth[i], dimension::ROULETTE);
         let u = plain_one::<CODE>(w.key[i], w.index[i], w.forked[i] == YES, batches, dimension);
         let plays = (w.alive[i] == YES) & (w.depth[i] + 1 > after) & (q < 1.0);
