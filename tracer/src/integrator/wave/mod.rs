@@ -16,8 +16,6 @@ mod tests;
 pub use crate::lanes::{Compiled, WIDTH};
 pub use state::Wave;
 
-use common::method::Roulette;
-
 use crate::lanes::{Flag, Lane, Lane3, NO, YES, lanes_of, mask_of};
 use state::{Came, Scatters};
 
