@@ -536,11 +536,17 @@ impl Integrator<'_> {
         if wave.any_facets() {
             stages::scatter_facets(wave.proven, wave);
         }
+        let mut drawn = false;
         for i in lanes_of(wave.others & wave.active()) {
-            match wave.scatters[i] {
-                Scatters::Facets => self.wave_scatter_facets(wave, came, i),
-                _ => self.wave_scatter_other(wave, samplers, came, i),
+            if wave.scatters[i] == Scatters::Facets {
+                self.wave_scatter_facets(wave, came, i);
+                continue;
             }
+            if !drawn {
+                wave.draw_one(samplers, dimension::LOBE);
+                drawn = true;
+            }
+            self.wave_scatter_other(wave, came, i);
         }
         let plain = wave.plain_points && !self.without.leaves(Special::Roulette);
         if let (Some(weight), true) = (weight_window(self.roulette), plain) {
@@ -555,14 +561,14 @@ impl Integrator<'_> {
     }
 
     /// A direction of a material that the stages do not know.
-    fn wave_scatter_other(&self, wave: &mut Wave, samplers: &Samplers, came: Came, i: usize) {
+    fn wave_scatter_other(&self, wave: &mut Wave, came: Came, i: usize) {
         let depth = wave.depth[i];
         let last = depth + 1 == self.max_depth && !self.direct.rays_find_light();
         if last && !self.deltas {
             return wave.end(i, false);
         }
         let bsdf = self.wave_material(wave, i).bsdf(Vec2::ZERO);
-        let u_lobe = wave.stream(samplers, i).one(dimension::at(depth, dimension::LOBE));
+        let u_lobe = wave.u_one[i];
         let u = Vec2::new(wave.u[0][i], wave.u[1][i]);
         let Some(sample) = bsdf.sample(wave.wo.at(i), u_lobe, u) else {
             return wave.end(i, depth == 0 && bsdf.albedo() == Rgb::ZERO);
