@@ -13,6 +13,7 @@ mod delta;
 mod emitter;
 mod environment;
 mod lamp;
+mod many;
 mod sphere_cone;
 mod spherical_rectangle;
 mod spherical_triangle;
@@ -29,14 +30,11 @@ pub use delta::DeltaLight;
 pub use emitter::{Emitter, EmitterSample, Stratum};
 pub use environment::{Environment, ImageEnvironment};
 pub use lamp::{Lamp, LampSample};
+pub(crate) use many::Drawn;
 pub use tree::group_importance;
 
 use self::choice::TreeChoice;
-use crate::{
-    geometry::prefetch,
-    lanes::Proven,
-    math::{Rgb, Vec2, Vec3, select},
-};
+use crate::math::{Rgb, Vec2, Vec3, select};
 
 /// Who asks for light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -139,17 +137,6 @@ enum Choice {
     Table(AliasTable),
     /// One emitter or light, chances by place.
     Tree(Arc<TreeChoice>),
-}
-
-/// What [`Lights::for_all`] gives a hit.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Drawn {
-    /// Nothing that may bring light.
-    Nothing,
-    /// A sample.
-    Sample(LightSample),
-    /// A sphere to sample.
-    Ball(Ball),
 }
 
 /// What gives light.
@@ -307,70 +294,6 @@ impl Lights {
         }
     }
 
-    /// One sample of [`Lights::for_each`], of up to [`crate::lanes::WIDTH`] hits at once: `query` gives the reference and the
-    /// numbers of each, `visit` takes its sample, or with `balls` a sphere that is to be sampled by solid angle. `round`
-    /// counts the samples that a hit takes, all lights before the next stratum of `strata`.
-    pub(crate) fn for_all(
-        &self,
-        proven: Proven,
-        n: usize,
-        (round, strata): (u32, u32),
-        balls: bool,
-        query: impl Fn(usize) -> (Reference, f32, Vec2),
-        mut visit: impl FnMut(usize, Drawn),
-    ) {
-        let lights = self.samples_at_once().max(1);
-        let stratum = Stratum { index: round / lights, count: strata };
-        let balls = balls && self.sampling == LightSampling::SolidAngle;
-        let mut draw = |i: usize, chosen: Option<(Source, f32)>, reference: &Reference, u| {
-            let drawn = chosen.map_or(Drawn::Nothing, |(source, chosen)| {
-                let ball = if balls { self.ball(source, chosen) } else { None };
-                ball.map(Drawn::Ball).unwrap_or_else(|| {
-                    self.sample_source(source, chosen, reference, u, stratum).map_or(Drawn::Nothing, Drawn::Sample)
-                })
-            });
-            visit(i, drawn);
-        };
-        match &self.choice {
-            Choice::Tree(tree) => {
-                let number = |i| {
-                    let (reference, pick, u) = query(i);
-                    (reference, alias::lengthen(pick, u))
-                };
-                let soon = |source| {
-                    if let Source::Emitter(emitter) = source {
-                        prefetch(&self.emitters[emitter as usize]);
-                    }
-                };
-                tree.pick_all(proven, n, number, soon, |i, chosen| {
-                    let (reference, _, u) = query(i);
-                    draw(i, chosen, &reference, u);
-                });
-            }
-            Choice::All => {
-                let light = self.live.get((round % lights) as usize);
-                // The same sphere for every hit.
-                let ball = light.and_then(|&light| self.lone_source(light)).filter(|_| balls);
-                if let Some(ball) = ball.and_then(|source| self.ball(source, 1.0)) {
-                    return (0..n).for_each(|i| visit(i, Drawn::Ball(ball)));
-                }
-                for i in 0..n {
-                    let (reference, pick, u) = query(i);
-                    let of = |&light| self.source(light, 1.0, alias::lengthen(pick, u));
-                    draw(i, light.and_then(of), &reference, u);
-                }
-            }
-            Choice::Table(table) => {
-                for i in 0..n {
-                    let (reference, pick, u) = query(i);
-                    let light = table.pick(alias::lengthen(pick, u));
-                    let of = |(light, probability, rest)| self.source(light, probability, rest);
-                    draw(i, light.and_then(of), &reference, u);
-                }
-            }
-        }
-    }
-
     /// One sample of one light; `None` where it brings none. Under `--light-pick all` it is of a light
     /// chosen with equal chances, and [`Lights::for_each`] is what goes with [`Lights::pdf`].
     #[inline]
@@ -469,29 +392,6 @@ impl Lights {
         }
         let delta = index - self.areas.len();
         Some((if delta < self.deltas.len() { Source::Delta(delta as u32) } else { Source::Environment }, chosen))
-    }
-
-    /// The emitter that is all of the light with this number.
-    fn lone_source(&self, light: u32) -> Option<Source> {
-        let area = self.areas.get(light as usize).filter(|area| area.table.len() == 1)?;
-        Some(Source::Emitter(area.first))
-    }
-
-    /// The sphere that was chosen with probability `chosen`, if it is one.
-    #[inline]
-    fn ball(&self, source: Source, chosen: f32) -> Option<Ball> {
-        let Source::Emitter(emitter) = source else { return None };
-        let primitive = &self.emitters[emitter as usize];
-        let Emitter::Sphere { center, radius } = primitive.shape else { return None };
-        let Area { radiance, two_sided, .. } = self.areas[primitive.area as usize];
-        Some(Ball { center, radius, two_sided, radiance, chosen })
-    }
-
-    /// Whether any emitter is a sphere that is sampled by solid angle.
-    #[must_use]
-    pub fn has_balls(&self) -> bool {
-        self.sampling == LightSampling::SolidAngle
-            && self.emitters.iter().any(|primitive| matches!(primitive.shape, Emitter::Sphere { .. }))
     }
 
     /// A sample of what was chosen with probability `chosen`.

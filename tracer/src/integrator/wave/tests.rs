@@ -10,7 +10,9 @@ use serde_json::json;
 
 use super::*;
 use crate::{
+    geometry::spawn,
     integrator::{End, Probe, Vertex},
+    lanes::Flag,
     testing::prepare,
 };
 
