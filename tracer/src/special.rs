@@ -30,6 +30,8 @@ pub enum Special {
     Facets,
     /// Points on spheres that shine for many paths at once; without it, they are chosen one by one.
     Balls,
+    /// Points on triangles that shine for many paths at once; without it, they are chosen one by one.
+    Shards,
     /// A pinhole, and pixels that weigh all of their area alike; without it, rays are made one by one.
     Pinhole,
     /// Points of a batch of Sobol' numbers for many paths at once; without it, they are drawn one by one.
@@ -58,6 +60,7 @@ impl Special {
         ("lambert", Self::Lambert),
         ("facets", Self::Facets),
         ("balls", Self::Balls),
+        ("shards", Self::Shards),
         ("pinhole", Self::Pinhole),
         ("points", Self::Points),
         ("roulette", Self::Roulette),
@@ -87,6 +90,7 @@ impl Special {
             Self::Lambert => "asking each material how it scatters",
             Self::Facets => "asking each rough metal how it scatters",
             Self::Balls => "points on shining spheres one by one",
+            Self::Shards => "points on shining triangles one by one",
             Self::Pinhole => "depth of field, pixel filters",
             Self::Points => "points drawn one by one",
             Self::Roulette => "roulette played one by one",

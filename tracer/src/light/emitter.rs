@@ -7,7 +7,10 @@ use std::f64::consts::PI;
 
 use common::method::LightSampling;
 
-use super::{sphere_cone::SphereCone, spherical_rectangle::SphericalRectangle, spherical_triangle::SphericalTriangle};
+use super::{
+    shard::triangle_coordinates, sphere_cone::SphereCone, spherical_rectangle::SphericalRectangle,
+    spherical_triangle::SphericalTriangle,
+};
 use crate::math::{
     DVec3, Frame, UNIFORM_SPHERE_PDF, Vec2, Vec3, concentric_disk, gamma, safe_sqrt, sin_cos_turns, uniform_sphere,
 };
@@ -381,19 +384,6 @@ impl Emitter {
             ng: n,
             coordinates: Vec2::ZERO,
         }
-    }
-}
-
-/// Uniform barycentrics (b1, b2): the square folded at its diagonal (Heitz 2019), which keeps neighbours
-/// together better than a square root.
-#[inline]
-fn triangle_coordinates(u: Vec2) -> Vec2 {
-    if u.x < u.y {
-        let b1 = 0.5 * u.x;
-        Vec2::new(b1, u.y - b1)
-    } else {
-        let b2 = 0.5 * u.y;
-        Vec2::new(u.x - b2, b2)
     }
 }
 

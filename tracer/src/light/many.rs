@@ -2,7 +2,7 @@
 
 use common::method::LightSampling;
 
-use super::{Area, Ball, Choice, Emitter, LightSample, Lights, Reference, Source, Stratum, alias};
+use super::{Area, Ball, Choice, Emitter, LightSample, Lights, Reference, Shard, Source, Stratum, alias};
 use crate::{geometry::prefetch, lanes::Proven, math::Vec2};
 
 /// What [`Lights::for_all`] gives a hit.
@@ -14,28 +14,40 @@ pub(crate) enum Drawn {
     Sample(LightSample),
     /// A sphere to sample.
     Ball(Ball),
+    /// A triangle to sample.
+    Shard(Shard),
+}
+
+/// Which emitters [`Lights::for_all`] leaves to be sampled all at once.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct AtOnce {
+    /// Spheres, by solid angle.
+    pub balls: bool,
+    /// Triangles, by area.
+    pub shards: bool,
 }
 
 impl Lights {
     /// One sample of [`Lights::for_each`], of up to [`crate::lanes::WIDTH`] hits at once: `query` gives the reference and the
-    /// numbers of each, `visit` takes its sample, or with `balls` a sphere that is to be sampled by solid angle. `round`
-    /// counts the samples that a hit takes, all lights before the next stratum of `strata`.
+    /// numbers of each, `visit` takes its sample, or what is to be sampled `at_once`. `round` counts the samples that a hit takes, all lights before the next stratum of `strata`.
     pub(crate) fn for_all(
         &self,
         proven: Proven,
         n: usize,
         (round, strata): (u32, u32),
-        balls: bool,
+        at_once: AtOnce,
         query: impl Fn(usize) -> (Reference, f32, Vec2),
         mut visit: impl FnMut(usize, Drawn),
     ) {
         let lights = self.samples_at_once().max(1);
         let stratum = Stratum { index: round / lights, count: strata };
-        let balls = balls && self.sampling == LightSampling::SolidAngle;
+        let at_once = AtOnce {
+            balls: at_once.balls && self.sampling == LightSampling::SolidAngle,
+            shards: at_once.shards && self.sampling == LightSampling::Area,
+        };
         let mut draw = |i: usize, chosen: Option<(Source, f32)>, reference: &Reference, u| {
             let drawn = chosen.map_or(Drawn::Nothing, |(source, chosen)| {
-                let ball = if balls { self.ball(source, chosen) } else { None };
-                ball.map(Drawn::Ball).unwrap_or_else(|| {
+                self.left(source, chosen, at_once).unwrap_or_else(|| {
                     self.sample_source(source, chosen, reference, u, stratum).map_or(Drawn::Nothing, Drawn::Sample)
                 })
             });
@@ -60,9 +72,9 @@ impl Lights {
             Choice::All => {
                 let light = self.live.get((round % lights) as usize);
                 // The same sphere for every hit.
-                let ball = light.and_then(|&light| self.lone_source(light)).filter(|_| balls);
-                if let Some(ball) = ball.and_then(|source| self.ball(source, 1.0)) {
-                    return (0..n).for_each(|i| visit(i, Drawn::Ball(ball)));
+                let lone = light.and_then(|&light| self.lone_source(light));
+                if let Some(left) = lone.and_then(|source| self.left(source, 1.0, at_once)) {
+                    return (0..n).for_each(|i| visit(i, left));
                 }
                 for i in 0..n {
                     let (reference, pick, u) = query(i);
@@ -87,14 +99,26 @@ impl Lights {
         Some(Source::Emitter(area.first))
     }
 
-    /// The sphere that was chosen with probability `chosen`, if it is one.
+    /// What was chosen with probability `chosen`, if it is to be sampled `at_once`.
     #[inline]
-    fn ball(&self, source: Source, chosen: f32) -> Option<Ball> {
+    fn left(&self, source: Source, chosen: f32, at_once: AtOnce) -> Option<Drawn> {
         let Source::Emitter(emitter) = source else { return None };
         let primitive = &self.emitters[emitter as usize];
-        let Emitter::Sphere { center, radius } = primitive.shape else { return None };
         let Area { radiance, two_sided, .. } = self.areas[primitive.area as usize];
-        Some(Ball { center, radius, two_sided, radiance, chosen })
+        match primitive.shape {
+            Emitter::Sphere { center, radius } if at_once.balls => {
+                Some(Drawn::Ball(Ball { center, radius, two_sided, radiance, chosen }))
+            }
+            Emitter::Triangle { p } if at_once.shards => Some(Drawn::Shard(Shard { p, two_sided, radiance, chosen })),
+            _ => None,
+        }
+    }
+
+    /// Whether any emitter is a triangle that is sampled by area.
+    #[must_use]
+    pub fn has_shards(&self) -> bool {
+        self.sampling == LightSampling::Area
+            && self.emitters.iter().any(|primitive| matches!(primitive.shape, Emitter::Triangle { .. }))
     }
 
     /// Whether any emitter is a sphere that is sampled by solid angle.

@@ -14,6 +14,7 @@ mod emitter;
 mod environment;
 mod lamp;
 mod many;
+mod shard;
 mod sphere_cone;
 mod spherical_rectangle;
 mod spherical_triangle;
@@ -30,7 +31,8 @@ pub use delta::DeltaLight;
 pub use emitter::{Emitter, EmitterSample, Stratum};
 pub use environment::{Environment, ImageEnvironment};
 pub use lamp::{Lamp, LampSample};
-pub(crate) use many::Drawn;
+pub(crate) use many::{AtOnce, Drawn};
+pub(crate) use shard::Shard;
 pub use tree::group_importance;
 
 use self::choice::TreeChoice;

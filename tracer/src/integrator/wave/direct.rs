@@ -6,7 +6,7 @@ use crate::{
     geometry::{Counters, Rays, spawn},
     integrator::{Integrator, Strategy, dimension, power_heuristic},
     lanes::{Flag, Lane3, NO, WIDTH, YES, lanes_of, mask_of},
-    light::{Drawn, Reference},
+    light::{AtOnce, Drawn, Reference},
     math::{Rgb, Vec2, Vec3},
     special::Special,
 };
@@ -59,10 +59,12 @@ impl Integrator<'_> {
             let imprecise = gathers & mask_of(&wave.infinite);
             if imprecise != 0 {
                 // The solid angle could not be told: by area, as one path would.
-                self.wave_light_samples(wave, samplers, round, imprecise, false);
+                self.wave_light_samples(wave, samplers, round, imprecise, AtOnce::default());
             }
         } else {
-            self.wave_light_samples(wave, samplers, round, gathers, !self.without.leaves(Special::Balls));
+            let at_once =
+                AtOnce { balls: !self.without.leaves(Special::Balls), shards: !self.without.leaves(Special::Shards) };
+            self.wave_light_samples(wave, samplers, round, gathers, at_once);
         }
         stages::direct_diffuse(wave.proven, wave, self.direct == Strategy::Mis, self.light_samples as f32);
         if wave.any_facets() {
@@ -101,14 +103,13 @@ impl Integrator<'_> {
         }
     }
 
-    /// Light samples of any kind, for the lanes in `gathers` whose material is no delta; those of spheres at once, if
-    /// `balls` says so.
-    fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64, balls: bool) {
+    /// Light samples of any kind, for the lanes in `gathers` whose material is no delta.
+    fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64, at_once: AtOnce) {
         let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
         if self.choice {
             wave.draw_one(samplers, dimension::LIGHT_CHOICE);
         }
-        wave.ball = [NO; WIDTH];
+        (wave.ball, wave.shard) = ([NO; WIDTH], [NO; WIDTH]);
         for i in lanes_of(gathers) {
             wave.lit[i] = NO;
             if wave.scatters[i] != Scatters::Delta {
@@ -129,20 +130,24 @@ impl Integrator<'_> {
             wave.proven,
             n,
             (round, self.light_samples),
-            balls,
+            at_once,
             query,
             |k, drawn| match drawn {
                 Drawn::Nothing => {}
                 Drawn::Sample(light) => wave.set_light(lanes[k], &light),
                 Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball),
+                Drawn::Shard(shard) => wave.set_shard(lanes[k], &shard),
             },
         );
+        if mask_of(&wave.shard) != 0 {
+            stages::shard_light(wave.proven, wave);
+        }
         if mask_of(&wave.ball) != 0 {
             stages::ball_light(wave.proven, wave);
             let imprecise = mask_of(&wave.ball) & mask_of(&wave.infinite);
             if imprecise != 0 {
                 // From inside, as one path would.
-                self.wave_light_samples(wave, samplers, round, imprecise, false);
+                self.wave_light_samples(wave, samplers, round, imprecise, AtOnce::default());
             }
         }
     }

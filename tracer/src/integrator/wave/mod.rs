@@ -97,6 +97,7 @@ impl Integrator<'_> {
         let few = waves && self.scene.accel().is_small();
         let pinhole = self.scene.camera().is_plain();
         let balls = self.direct.samples_lights() && self.scene.lights().has_balls();
+        let shards = self.direct.samples_lights() && self.scene.lights().has_shards();
         let lambert = waves && self.scene.has_lambert();
         let ends_early = !facts.delta && self.direct == Strategy::Light;
         let compiled = Compiled::detect();
@@ -115,6 +116,7 @@ impl Integrator<'_> {
             (lambert, alone(Special::Lambert)),
             (waves && self.scene.has_facets(), alone(Special::Facets)),
             (waves && balls, alone(Special::Balls)),
+            (waves && shards, alone(Special::Shards)),
             (pinhole, alone(Special::Pinhole)),
             (points, alone(Special::Points)),
             (points && weight_window(self.roulette).is_some(), alone(Special::Roulette)),

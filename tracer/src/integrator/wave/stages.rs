@@ -7,7 +7,7 @@ use crate::{
     geometry::{Spared, spawn, spawn_to, surface::triangle_point},
     integrator::{dimension, power_heuristic},
     lanes::{Flag, NO, YES, covering, stage},
-    light::{Ball, Lamp},
+    light::{Ball, Lamp, LampSample, Shard},
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
     microfacet::Ggx,
     sampler::{Batches, COMPUTED, COMPUTED_FORKED, TABLED, TABLED_FORKED, plain_one, plain_two},
@@ -147,21 +147,44 @@ stage! {
             let ball = Ball {
                 center: w.ball_center.at(i),
                 radius: w.ball_radius[i],
-                two_sided: w.ball_two_sided[i] == YES,
+                two_sided: w.lamp_two_sided[i] == YES,
                 radiance: w.light_radiance.at(i),
-                chosen: w.ball_chosen[i],
+                chosen: w.lamp_chosen[i],
             };
             let is_ball = w.ball[i] == YES;
             let sample = ball.sample(w.p.at(i), Vec2::new(w.u[0][i], w.u[1][i]));
-            w.wi.set(i, select3(is_ball, sample.wi, w.wi.at(i)));
-            w.light.set(i, select3(is_ball, sample.point, w.light.at(i)));
-            w.light_error.set(i, select3(is_ball, sample.point_error, w.light_error.at(i)));
-            w.light_ng.set(i, select3(is_ball, sample.ng, w.light_ng.at(i)));
-            w.light_pdf[i] = select(is_ball, sample.pdf, w.light_pdf[i]);
-            w.lit[i] = Flag::from(is_ball & sample.valid & sample.precise | !is_ball & (w.lit[i] == YES));
-            w.infinite[i] = Flag::from(is_ball & !sample.precise | !is_ball & (w.infinite[i] == YES));
+            light_where(w, i, is_ball, &sample);
         }
     }
+}
+
+stage! {
+    /// A point on its triangle for each path that has one.
+    pub(super) fn shard_light(w: &mut Wave) {
+        for i in 0..covering(w.n) {
+            let shard = Shard {
+                p: [w.shard_corners[0].at(i), w.shard_corners[1].at(i), w.shard_corners[2].at(i)],
+                two_sided: w.lamp_two_sided[i] == YES,
+                radiance: w.light_radiance.at(i),
+                chosen: w.lamp_chosen[i],
+            };
+            let is_shard = w.shard[i] == YES;
+            let sample = shard.sample(w.p.at(i), Vec2::new(w.u[0][i], w.u[1][i]));
+            light_where(w, i, is_shard, &sample);
+        }
+    }
+}
+
+/// Take `sample` for lane `i` if `is_its`; its radiance is there already.
+#[inline(always)]
+fn light_where(w: &mut Wave, i: usize, is_its: bool, sample: &LampSample) {
+    w.wi.set(i, select3(is_its, sample.wi, w.wi.at(i)));
+    w.light.set(i, select3(is_its, sample.point, w.light.at(i)));
+    w.light_error.set(i, select3(is_its, sample.point_error, w.light_error.at(i)));
+    w.light_ng.set(i, select3(is_its, sample.ng, w.light_ng.at(i)));
+    w.light_pdf[i] = select(is_its, sample.pdf, w.light_pdf[i]);
+    w.lit[i] = Flag::from(is_its & sample.valid & sample.precise | !is_its & (w.lit[i] == YES));
+    w.infinite[i] = Flag::from(is_its & !sample.precise | !is_its & (w.infinite[i] == YES));
 }
 
 stage! {

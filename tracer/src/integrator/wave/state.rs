@@ -5,7 +5,7 @@ use crate::{
     geometry::{FewRays, Found, Ray, Spared},
     integrator::{Arrival, Sample, dimension},
     lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES, lanes_of, mask_of},
-    light::{Ball, LightSample, Reference},
+    light::{Ball, LightSample, Reference, Shard},
     math::{Frame, Rgb},
     sampler::Stream,
     scene::{NO_EMITTER, Record},
@@ -123,12 +123,14 @@ pub struct Wave {
     pub(super) light_pdf: Lane<f32>,
     pub(super) infinite: Lane<Flag>,
     pub(super) brings: Lane3,
-    // Of spheres that are to be sampled: which lanes have one, and what it is.
+    // Of spheres and triangles that are to be sampled: which lanes have one, and what it is.
     pub(super) ball: Lane<Flag>,
     pub(super) ball_center: Lane3,
     pub(super) ball_radius: Lane<f32>,
-    pub(super) ball_two_sided: Lane<Flag>,
-    pub(super) ball_chosen: Lane<f32>,
+    pub(super) shard: Lane<Flag>,
+    pub(super) shard_corners: [Lane3; 3],
+    pub(super) lamp_two_sided: Lane<Flag>,
+    pub(super) lamp_chosen: Lane<f32>,
     /// Of several light samples, what arrived.
     pub(super) sum: Lane3,
     pub(super) shadow_origin: Lane3,
@@ -246,8 +248,10 @@ impl Wave {
             ball: [NO; WIDTH],
             ball_center: zeros,
             ball_radius: zero,
-            ball_two_sided: [NO; WIDTH],
-            ball_chosen: zero,
+            shard: [NO; WIDTH],
+            shard_corners: [zeros; 3],
+            lamp_two_sided: [NO; WIDTH],
+            lamp_chosen: zero,
             sum: zeros,
             shadow_origin: zeros,
             shadow_direction: zeros,
@@ -394,9 +398,18 @@ impl Wave {
         self.ball[i] = YES;
         self.ball_center.set(i, ball.center);
         self.ball_radius[i] = ball.radius;
-        self.ball_two_sided[i] = Flag::from(ball.two_sided);
-        self.ball_chosen[i] = ball.chosen;
+        self.lamp_two_sided[i] = Flag::from(ball.two_sided);
+        self.lamp_chosen[i] = ball.chosen;
         self.light_radiance.set(i, ball.radiance);
+    }
+
+    #[inline(always)]
+    pub(super) fn set_shard(&mut self, i: usize, shard: &Shard) {
+        self.shard[i] = YES;
+        (0..3).for_each(|k| self.shard_corners[k].set(i, shard.p[k]));
+        self.lamp_two_sided[i] = Flag::from(shard.two_sided);
+        self.lamp_chosen[i] = shard.chosen;
+        self.light_radiance.set(i, shard.radiance);
     }
 
     /// Whether any path is on rough metal that stages know.

@@ -136,6 +136,16 @@ fn every_sample_has_the_bits_of_one_path_alone() {
             json!({ "shapes": [{ "type": "mesh", "positions": [[-1, 3.9, -1], [1, 3.9, -1], [0, 3.9, 1]],
                 "triangles": [[0, 1, 2]], "emission": 8 }] }),
         ),
+        (
+            "triangles of several kinds",
+            json!({ "shapes": [
+                { "type": "mesh", "positions": [[-1, 3.9, -1], [1, 3.9, -1], [0, 3.9, 1], [0, 3, 0], [0, 3, 0]],
+                    "triangles": [[0, 1, 2], [2, 1, 0], [0, 1, 3], [3, 4, 0]], "emission": 8 },
+                { "type": "mesh", "positions": [[2, 0.1, 2], [2, 1, 2], [2.3, 0.1, 1]], "triangles": [[0, 1, 2]],
+                    "emission": { "radiance": [1, 5, 2], "two_sided": true } },
+                lamp()
+            ] }),
+        ),
         ("a sphere", json!({ "shapes": [{ "type": "sphere", "center": [0, 3, 0], "radius": 0.3, "emission": 20 }] })),
         (
             "spheres from without and within",
@@ -174,6 +184,10 @@ fn every_sample_has_the_bits_of_one_path_alone() {
     add("direct", &|m| m.only = Some(Only::Direct));
     add("indirect", &|m| m.only = Some(Only::Indirect));
     add("area", &|m| (m.light_sampling, m.light_pick) = (Some(LightSampling::Area), Some(LightPick::Power)));
+    add("area of one triangle or another", &|m| {
+        (m.light_sampling, m.light_pick) = (Some(LightSampling::Area), Some(LightPick::Tree));
+        m.light_samples = 2;
+    });
     add("all lights", &|m| (m.light_pick, m.max_depth) = (Some(LightPick::All), 3));
     add("three samples", &|m| m.light_samples = 3);
     add("strata of all lights", &|m| {
