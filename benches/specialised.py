@@ -21,7 +21,7 @@ def method(plan):
     """The options that name the method of a plan."""
     chosen = plan["method"]
     options = []
-    for field in ["direct", "light_pick", "light_samples", "light_sampling", "roulette"]:
+    for field in ["direct", "light_pick", "light_samples", "light_sampling", "splits", "roulette"]:
         if chosen.get(field) is not None:
             options += ["--" + field.replace("_", "-"), str(chosen[field])]
     return options

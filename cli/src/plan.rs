@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::{
     args::PlanArgs,
+    bench::process_seconds,
     bundle::Bundle,
     error::Failure,
     left_out::{self, LeftOut},
@@ -21,6 +22,8 @@ use crate::{
 struct Told<'a> {
     #[serde(flatten)]
     plan: &'a MethodPlan,
+    /// Processor seconds that choosing took.
+    trial_seconds: f64,
     /// Estimators that were not tried.
     ruled_out: Vec<RuledOut>,
     /// Code that the scene does not need, and what it would have cost.
@@ -36,14 +39,14 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let request = request::of(&args.job, &bundle)?;
     let settings = request::settings(&request, &bundle)?;
     let trial = trial(&bundle, &request, settings.resolution)?;
-    let plan = of(&mut bundle, &request)?;
+    let (plan, trial_seconds) = of(&mut bundle, &request)?;
     for note in &bundle.notes {
         eprintln!("note: {note}");
     }
     let ruled_out = tracer::pilot::ruled_out(&plan.facts, &trial);
     let settings = RenderSettings { method: plan.method.clone(), ..settings };
     let left_out = left_out::measure(&mut bundle, &request, &settings)?;
-    let told = Told { plan: &plan, ruled_out, left_out };
+    let told = Told { plan: &plan, trial_seconds, ruled_out, left_out };
     if args.json { print::json(&told) } else { print::lines(lines(&told)) }
 }
 
@@ -52,15 +55,17 @@ fn trial(bundle: &Bundle, request: &JobRequest, resolution: [u32; 2]) -> Result<
     Ok(Trial { region: request.region(resolution)?, named, quality: Some(request::quality_of(request, bundle)) })
 }
 
-/// The plan of the job that `request` asks for.
+/// The plan of the job that `request` asks for, and the processor seconds that choosing took.
 ///
 /// # Errors
 /// The file or field that cannot be rendered.
-pub fn of(bundle: &mut Bundle, request: &JobRequest) -> Result<MethodPlan, Failure> {
+pub fn of(bundle: &mut Bundle, request: &JobRequest) -> Result<(MethodPlan, f64), Failure> {
     let settings = request::settings(request, bundle)?;
     let prepared = bundle.load(request)?.build();
     let trial = trial(bundle, request, settings.resolution)?;
-    Ok(tracer::pilot::choose(&prepared, &settings, &trial))
+    let before = process_seconds();
+    let plan = tracer::pilot::choose(&prepared, &settings, &trial);
+    Ok((plan, process_seconds() - before))
 }
 
 fn lines(told: &Told) -> Vec<String> {
@@ -75,6 +80,9 @@ fn lines(told: &Told) -> Vec<String> {
         format!("kernel    {}", plan.kernel.join(", ")),
         format!("method    {}", plan.line()),
     ];
+    if plan.untried.is_none() {
+        lines.push(format!("          chosen in {:.3} processor seconds", told.trial_seconds));
+    }
     if plan.method.direct == Direct::Auto {
         lines.push("          auto, untried, is multiple importance sampling".into());
     }
@@ -150,8 +158,9 @@ mod tests {
         };
         let left_out = LeftOut { name: "few", what: "a tree", beside: vec!["waves"], times: 1.5, times_error: 0.02 };
         let ruled_out = vec![RuledOut { what: "bsdf".into(), why: "no ray hits it".into() }];
-        let told = Told { plan: &plan, ruled_out, left_out: vec![left_out] };
+        let told = Told { plan: &plan, trial_seconds: 0.25, ruled_out, left_out: vec![left_out] };
         let lines = lines(&told);
+        assert!(lines.iter().any(|line| line.contains("chosen in 0.250 processor seconds")), "{lines:?}");
         let starred: Vec<&String> = lines.iter().filter(|line| line.starts_with('*')).collect();
         assert!(starred.len() == 1 && starred[0].contains("light"), "{lines:?}");
         assert!(lines.iter().any(|line| line.starts_with("has not") && line.contains("textures")), "{lines:?}");

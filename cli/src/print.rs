@@ -1,6 +1,6 @@
-//! Answers on standard output.
+//! Answers on standard output. A reader who has seen enough closes it (`tessera jobs | head`): nothing is wrong then.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 
 use serde::Serialize;
 
@@ -9,7 +9,7 @@ use crate::error::Failure;
 /// Print a value as JSON.
 ///
 /// # Errors
-/// Standard output is closed.
+/// Standard output cannot be written.
 pub fn json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Work(error.to_string()))?;
     lines([text])
@@ -18,17 +18,20 @@ pub fn json(value: &impl Serialize) -> Result<(), Failure> {
 /// Print lines.
 ///
 /// # Errors
-/// Standard output is closed.
+/// Standard output cannot be written.
 pub fn lines(lines: impl IntoIterator<Item = String>) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
     let written = lines.into_iter().try_for_each(|line| writeln!(out, "{line}")).and_then(|()| out.flush());
-    written.map_err(|error| Failure::Work(format!("standard output: {error}")))
+    match written {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Work(format!("standard output: {error}"))),
+        _ => Ok(()),
+    }
 }
 
 /// Print rows under a head, columns aligned.
 ///
 /// # Errors
-/// Standard output is closed.
+/// Standard output cannot be written.
 pub fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> Result<(), Failure> {
     let rows: Vec<Vec<String>> = [head.iter().map(ToString::to_string).collect()].into_iter().chain(rows).collect();
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);

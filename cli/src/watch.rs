@@ -77,10 +77,7 @@ impl Watch<'_> {
             output::write(&path, format!("{text}\n").as_bytes())?;
         }
         eprintln!("{}", report.line());
-        if self.json {
-            println!("{text}");
-        }
-        Ok(())
+        if self.json { crate::print::lines([text]) } else { Ok(()) }
     }
 
     /// Wait for Ctrl-C, then write the images as they stand and pause the job.

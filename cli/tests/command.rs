@@ -14,24 +14,21 @@ fn tessera(folder: &Path, line: &str) -> Output {
 
 /// The same with variables set.
 fn with(folder: &Path, line: &str, variables: &[(&str, &str)]) -> Output {
+    command(folder, line, variables).output().unwrap()
+}
+
+fn command(folder: &Path, line: &str, variables: &[(&str, &str)]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_tessera"));
     for (variable, _) in std::env::vars().filter(|(name, _)| name.starts_with("TESSERA_") || name == "RUST_LOG") {
         command.env_remove(variable);
     }
     // Nothing comes from the user's own settings.
     command.env("XDG_CONFIG_HOME", folder).envs(variables.iter().copied());
-    command.args(line.split_whitespace()).current_dir(folder).output().unwrap()
+    command.args(line.split_whitespace()).current_dir(folder);
+    command
 }
 
-const SCENE: &str = r#"{
-    "tessera": 1,
-    "camera": {"position": [0, 1, 5], "target": [0, 1, 0]},
-    "film": {"width": 24, "height": 16},
-    "shapes": [
-        {"type": "sphere", "center": [0, 3, 0], "radius": 0.5, "emission": [5, 4, 3]},
-        {"type": "quad", "vertices": [[-3, 0, 3], [3, 0, 3], [3, 0, -3], [-3, 0, -3]]}
-    ]
-}"#;
+const SCENE: &str = include_str!("../../tests/data/small.json");
 
 /// A folder with a sound scene and several that are not.
 fn folder() -> tempfile::TempDir {
@@ -398,7 +395,8 @@ fn shells_get_a_script_that_knows_the_commands() {
 #[test]
 fn a_method_left_open_is_chosen_once_reported_and_has_the_bytes_of_the_same_method_named() {
     let folder = folder();
-    let options = "--resolution 128x128 --samples 4 --threads 2 --json";
+    // Samples enough that a trial is worth its work.
+    let options = "--resolution 128x128 --samples 32 --threads 2 --json";
     let run = |line: &str| {
         let output = tessera(folder.path(), line);
         assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
@@ -431,4 +429,29 @@ fn a_method_left_open_is_chosen_once_reported_and_has_the_bytes_of_the_same_meth
     let said = tessera(folder.path(), "plan good.json --resolution 128x128");
     let said = String::from_utf8(said.stdout).unwrap();
     assert!(said.contains("has not") && said.contains("* ") && said.contains("efficiency"), "{said}");
+}
+
+/// `tessera jobs | head` and the like.
+#[test]
+fn a_reader_who_has_seen_enough_is_no_error() {
+    let folder = folder();
+    for line in [
+        "completions bash",
+        "config",
+        "scene schema",
+        "scene check good.json --json",
+        "plan good.json",
+        "compare good.png good.png",
+        "render good.json -o out --samples 1 --json",
+        "stability --only triangle-leaks --quick -o stability",
+        "--help",
+    ] {
+        image::RgbImage::new(8, 8).save(folder.path().join("good.png")).unwrap();
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = command(folder.path(), line, &[]).stdout(writer).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{line}: {said}");
+        assert!(!said.contains("error") && !said.contains("panicked"), "{line}: {said}");
+    }
 }

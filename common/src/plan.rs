@@ -112,7 +112,8 @@ pub struct Considered {
     pub variance: f64,
     /// Counted work of a sample, about nanoseconds of one core.
     pub cost: f64,
-    /// Efficiency, 1 / (variance x cost), relative to the method chosen.
+    /// Efficiency, 1 / (variance x cost), relative to the method chosen. Of paths that go on in several ways, variances that hang on
+    /// single samples are left out of that: they are foretold by the law of total variance.
     pub efficiency: f64,
 }
 

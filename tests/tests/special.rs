@@ -49,7 +49,7 @@ fn no_specialisation_changes_a_bit() {
     let everything: Vec<Special> = Special::ALL.iter().map(|(_, special)| *special).collect();
     let mut without: Vec<(&str, Without)> = Special::ALL.iter().map(|(n, s)| (*n, Without::all(&[*s]))).collect();
     without.push(("all of them", Without::all(&everything)));
-    without.push(("attributes beside waves", Without::all(&[Special::Waves, Special::Attributes])));
+    without.push(("opacity beside waves", Without::all(&[Special::Waves, Special::Opacity])));
     let mut bright = 0;
     for (name, scene) in &shipped {
         for choices in &methods {

@@ -9,8 +9,6 @@
 pub enum Special {
     /// Many paths side by side; without it, one path at a time.
     Waves,
-    /// No shading normals, textures, tangents or instances; without it, they are looked for at every hit.
-    Attributes,
     /// No opacity masks; without it, every hit is asked, and shadow rays look at each surface on their way.
     Opacity,
     /// Few primitives; without it, they are found by way of a tree.
@@ -50,7 +48,6 @@ impl Special {
     /// All of them, by name.
     pub const ALL: &[(&str, Self)] = &[
         ("waves", Self::Waves),
-        ("attributes", Self::Attributes),
         ("opacity", Self::Opacity),
         ("few", Self::Few),
         ("quads", Self::Quads),
@@ -80,7 +77,6 @@ impl Special {
     pub fn spares(self) -> &'static str {
         match self {
             Self::Waves => "one path at a time",
-            Self::Attributes => "shading normals, textures, tangents, instances",
             Self::Opacity => "opacity masks",
             Self::Few => "a tree over the surfaces",
             Self::Quads => "each half of a quadrilateral by itself",

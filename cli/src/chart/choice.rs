@@ -15,7 +15,8 @@ use common::{
 use serde::Serialize;
 
 use super::{
-    command::{cache, careful},
+    command::careful,
+    options::Bench,
     reference::{Pixels, Reference},
     stage::Stage,
 };
@@ -24,9 +25,8 @@ use crate::{
     bench::process_seconds,
     bundle::Bundle,
     error::Failure,
-    output, print,
+    output, plan, print,
     request::{self, method_of},
-    services::threads,
 };
 
 /// Samples per pixel with which every combination is tried once.
@@ -60,15 +60,9 @@ pub struct BenchAutoArgs {
     /// Write the table here, as Markdown
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Keep references here, so that they are rendered once [default: tessera in the user's cache folder]
-    #[arg(long, value_name = "DIR", env = "TESSERA_CACHE")]
-    pub cache: Option<PathBuf>,
-    /// Threads to render with [default: all cores]
-    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=4096))]
-    pub threads: Option<u32>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// Cache, threads, JSON.
+    #[command(flatten)]
+    pub bench: Bench,
 }
 
 /// What was found for one scene.
@@ -88,7 +82,8 @@ struct Row {
     ratio: f64,
     /// Standard error of the ratio: the jackknife over seeds.
     ratio_error: f64,
-    /// Processor seconds that `auto` took to choose, for a frame of this size and for the scene's own.
+    /// Processor seconds that `auto` took to choose: for a frame of this size of which nothing is asked, and for the scene as it
+    /// is written.
     pilot_seconds: f64,
     pilot_seconds_of_scene: f64,
     finalists: Vec<Finalist>,
@@ -118,7 +113,7 @@ pub fn command(args: &BenchAutoArgs) -> Result<(), Failure> {
     if let Some(path) = &args.output {
         output::write(path, markdown(&rows, args).as_bytes())?;
     }
-    if args.json { print::json(&rows) } else { print::lines(markdown(&rows, args).lines().map(str::to_owned)) }
+    if args.bench.json { print::json(&rows) } else { print::lines(markdown(&rows, args).lines().map(str::to_owned)) }
 }
 
 fn row(args: &BenchAutoArgs, scene: &std::path::Path) -> Result<Row, Failure> {
@@ -127,9 +122,9 @@ fn row(args: &BenchAutoArgs, scene: &std::path::Path) -> Result<Row, Failure> {
     let own = JobRequest { method: MethodChoices { direct: Some(Direct::Auto), ..own.method }, ..own };
     let size = shape(bundle.resolution(&own), args.pixels);
     let request = JobRequest { resolution: Some(size), ..own.clone() };
-    let count = threads(args.threads);
+    let count = args.bench.threads();
     let method = method_of(&request, &bundle);
-    let seconds_of_scene = pilot_seconds(&mut bundle, &own)?;
+    let (_, seconds_of_scene) = plan::of(&mut bundle, &own)?;
     let seconds = pilot_seconds(&mut bundle, &request)?;
     let stage = Stage::open(&mut bundle, &request, MAX_SAMPLES, count)?;
     let facts = *stage.facts();
@@ -137,7 +132,7 @@ fn row(args: &BenchAutoArgs, scene: &std::path::Path) -> Result<Row, Failure> {
     let kind = (method.max_depth, method.only);
     let reference_request = JobRequest { method: careful(kind, &request.method), ..request.clone() };
     let reference_stage = Stage::open(&mut bundle, &reference_request, MAX_SAMPLES, count)?;
-    let folder = cache(args.cache.as_deref())?;
+    let folder = args.bench.cache()?;
     let samples = args.samples * REFERENCE;
     eprintln!("{}: {}x{} pixels, reference", scene.display(), size[0], size[1]);
     let reference = Reference::render(&reference_stage, bundle.asset().0, samples, &folder, &mut |_| {})?;
@@ -241,7 +236,7 @@ fn shape([w, h]: [u32; 2], pixels: u32) -> [u32; 2] {
     [width, pixels.div_ceil(width)]
 }
 
-/// Processor seconds of choosing a method, on all threads together.
+/// Processor seconds of choosing a method as [`Stage::open`] does, on all threads together.
 fn pilot_seconds(bundle: &mut Bundle, request: &JobRequest) -> Result<f64, Failure> {
     let settings = request::settings(request, bundle)?;
     let prepared = bundle.load(request)?.build();

@@ -1,23 +1,23 @@
 //! `tessera chart`: its options, and the order in which pictures are taken.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::value_parser;
 use common::{
     job::{DEFAULT_MAX_SAMPLES, JobRequest, MAX_SAMPLES},
     method::{Bvh, Direct, Method, MethodChoices, Roulette, Sampler, TriangleTest},
 };
-use etcetera::BaseStrategy;
 
 use super::{
     gauge::Gauge,
     methods::{Named, TEXTBOOK},
+    options::Bench,
     reference::{Lasting, Pixels, Reference},
     report::Report,
     stage::Stage,
     study::{Shot, Tried},
 };
-use crate::{args::JobOptions, bundle::Bundle, error::Failure, output, print, request, services::threads};
+use crate::{args::JobOptions, bundle::Bundle, error::Failure, output, print, request};
 
 /// Methods that are charted where none are named.
 const METHODS: &str = "hemisphere,light+one+area,light+power+solid-angle,mis,auto";
@@ -51,15 +51,9 @@ pub struct ChartArgs {
     /// Samples per pixel of each half of the reference [default: 32 times the largest budget]
     #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(2..=i64::from(MAX_SAMPLES)))]
     pub reference_samples: Option<u32>,
-    /// Keep references here, so that they are rendered once [default: tessera in the user's cache folder]
-    #[arg(long, value_name = "DIR", env = "TESSERA_CACHE")]
-    pub cache: Option<PathBuf>,
-    /// Threads to render with [default: all cores]
-    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=4096))]
-    pub threads: Option<u32>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+    /// Cache, threads, JSON.
+    #[command(flatten)]
+    pub bench: Bench,
     /// What all methods have in common.
     #[command(flatten)]
     pub job: JobOptions,
@@ -75,7 +69,7 @@ pub fn command(args: &ChartArgs) -> Result<(), Failure> {
     for note in &report.notes {
         eprintln!("note: {note}");
     }
-    if args.json {
+    if args.bench.json {
         return print::json(&report.json());
     }
     let (heads, rows) = report.table();
@@ -132,7 +126,7 @@ fn chart(args: &ChartArgs) -> Result<Report, Failure> {
     let largest = budgets.last().copied().unwrap_or(1);
     let mut bundle = Bundle::read(&args.scene)?;
     let base = request::of(&args.job, &bundle)?;
-    let threads = threads(args.threads);
+    let threads = args.bench.threads();
     let most = args.job.target.max_samples.unwrap_or(DEFAULT_MAX_SAMPLES).max(largest);
     output::folder(&args.output)?;
 
@@ -185,7 +179,7 @@ fn chart(args: &ChartArgs) -> Result<Report, Failure> {
         let reference = if args.reference.is_empty() {
             let request = JobRequest { method: careful(*kind, &base.method), ..base.clone() };
             let stage = Stage::open(&mut bundle, &request, most, threads)?;
-            let cache = cache(args.cache.as_deref())?;
+            let cache = args.bench.cache()?;
             let mut tick = |taken: u64| gauge.took(of, taken as f64);
             let scene = bundle.asset().0;
             Reference::render(&stage, scene, samples, &cache, &mut tick)?
@@ -300,14 +294,4 @@ fn doubts(methods: &[Tried], references: &[Reference]) -> Vec<String> {
         );
     }
     notes
-}
-
-/// Where references are kept.
-pub(super) fn cache(given: Option<&Path>) -> Result<PathBuf, Failure> {
-    match given {
-        Some(folder) => Ok(folder.into()),
-        None => etcetera::choose_base_strategy().map(|strategy| strategy.cache_dir().join("tessera")).map_err(|_| {
-            Failure::Input("--cache: give a folder to keep references in; no home folder is known".into())
-        }),
-    }
 }

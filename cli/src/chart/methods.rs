@@ -132,6 +132,36 @@ mod tests {
         assert!(Named::parse(TEXTBOOK).is_ok());
     }
 
+    /// Values of the method options as the architecture's text has them.
+    #[test]
+    fn the_values_that_are_promised_are_taken() {
+        for words in [
+            "auto",
+            "hemisphere",
+            "light",
+            "mis",
+            "light+all",
+            "light+one+area",
+            "light+power+stratified",
+            "mis+tree+solid-angle",
+            "light-samples=4",
+            "max-depth=0",
+            "direct",
+            "indirect",
+            "exact",
+            "schlick",
+            "sobol",
+            "sampler=stratified",
+            "independent",
+            "adaptive=off",
+            "textbook",
+            "on",
+            "textbook+adaptive-batch=16+adaptive-tolerance=0.1",
+        ] {
+            assert!(Named::parse(words).is_ok(), "{words}: {:?}", Named::parse(words));
+        }
+    }
+
     #[test]
     fn a_word_that_is_none_is_named() {
         for (words, expected) in [

@@ -8,6 +8,7 @@ mod choice;
 mod command;
 mod gauge;
 mod methods;
+mod options;
 mod reference;
 mod report;
 mod stage;

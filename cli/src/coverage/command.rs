@@ -20,7 +20,7 @@ pub struct CoverageArgs {
     /// Simulated trials, of nine pixels each
     #[arg(long, value_name = "N", default_value_t = 900, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub trials: u32,
-    /// Less of everything: a minute instead of ten
+    /// Less of everything, with wider bounds: in full, the part bias alone takes 16 minutes of one core
     #[arg(long)]
     pub quick: bool,
     /// Folder of the shipped scenes

@@ -7,15 +7,7 @@ use serde_json::Value;
 
 use crate::processes::{Coordinator, tessera};
 
-const SCENE: &str = r#"{
-    "tessera": 1,
-    "camera": {"position": [0, 1, 5], "target": [0, 1, 0]},
-    "film": {"width": 24, "height": 16},
-    "shapes": [
-        {"type": "sphere", "center": [0, 3, 0], "radius": 0.5, "emission": [5, 4, 3]},
-        {"type": "quad", "vertices": [[-3, 0, 3], [3, 0, 3], [3, 0, -3], [-3, 0, -3]]}
-    ]
-}"#;
+const SCENE: &str = include_str!("../../data/small.json");
 
 /// Commands in this order, each with its options, its exit code, and what its answer holds (JSON pointer). Where `FARM`
 /// stands, it is told the coordinator.

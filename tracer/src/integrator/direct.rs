@@ -12,7 +12,7 @@ use crate::{
 impl Integrator<'_> {
     /// Estimate at the vertex after `depth` scatterings, from where the path goes on in `splits` ways.
     #[inline]
-    pub(super) fn direct<const FULL: bool>(
+    pub(super) fn direct(
         &self,
         shading: &Shading,
         depth: u32,
@@ -25,21 +25,14 @@ impl Integrator<'_> {
         }
         match self.direct {
             Strategy::Bsdf => Rgb::ZERO,
-            Strategy::Hemisphere => self.by_hemisphere::<FULL>(shading, depth, stream, counters),
-            Strategy::Light | Strategy::Mis => self.by_light::<FULL>(shading, depth, splits, stream, counters),
+            Strategy::Hemisphere => self.by_hemisphere(shading, depth, stream, counters),
+            Strategy::Light | Strategy::Mis => self.by_light(shading, depth, splits, stream, counters),
         }
     }
 
     /// Next-event estimation: points on lights.
     #[inline]
-    fn by_light<const FULL: bool>(
-        &self,
-        shading: &Shading,
-        depth: u32,
-        splits: u32,
-        stream: &Stream,
-        counters: &mut Counters,
-    ) -> Rgb {
+    fn by_light(&self, shading: &Shading, depth: u32, splits: u32, stream: &Stream, counters: &mut Counters) -> Rgb {
         let count = self.light_samples;
         let mut sum = Rgb::ZERO;
         let mut drawn = 0;
@@ -52,7 +45,7 @@ impl Integrator<'_> {
                 (choice, stream.two(dimension::at(depth, dimension::LIGHT)))
             };
             self.scene.lights().for_each(&shading.reference, Stratum { index, count }, draw, |sample| {
-                sum += self.one_light::<FULL>(shading, &sample, splits, counters);
+                sum += self.one_light(shading, &sample, splits, counters);
             });
         }
         counters.light_samples += u64::from(drawn);
@@ -61,13 +54,7 @@ impl Integrator<'_> {
 
     /// What one light sample brings.
     #[inline]
-    fn one_light<const FULL: bool>(
-        &self,
-        shading: &Shading,
-        light: &LightSample,
-        splits: u32,
-        counters: &mut Counters,
-    ) -> Rgb {
+    fn one_light(&self, shading: &Shading, light: &LightSample, splits: u32, counters: &mut Counters) -> Rgb {
         let wi = shading.frame.to_local(light.wi);
         // The sides by the shading and by the geometric normal must agree, or light leaks.
         let transmission = (wi.z > 0.0) != (shading.wo.z > 0.0);
@@ -84,7 +71,7 @@ impl Integrator<'_> {
         } else {
             1.0
         };
-        let radiance = if FULL { self.scene.sampled_radiance(light) } else { light.radiance };
+        let radiance = self.scene.sampled_radiance(light);
         let brings = eval.f_cos * radiance * (weight / light.pdf);
         if brings == Rgb::ZERO {
             return Rgb::ZERO;
@@ -95,7 +82,7 @@ impl Integrator<'_> {
         } else {
             spawn(point.p, point.p_error, point.ng, light.wi)
         };
-        if FULL && self.masks {
+        if self.masks {
             return brings * self.transmittance(ray, counters);
         }
         if self.scene.occluded(&ray, counters) { Rgb::ZERO } else { brings }
@@ -106,7 +93,7 @@ impl Integrator<'_> {
     fn transmittance(&self, mut ray: Ray, counters: &mut Counters) -> f32 {
         let mut share = 1.0;
         while let Some(hit) = self.scene.closest(&ray, counters) {
-            let point = self.scene.point::<true>(&ray, &hit);
+            let point = self.scene.point(&ray, &hit);
             share *= 1.0 - self.scene.material(&point).opacity(point.uv);
             let t_max = ray.t_max - hit.t;
             if share <= 0.0 || t_max <= 0.0 {
@@ -119,13 +106,7 @@ impl Integrator<'_> {
 
     /// Uniform directions over the hemisphere (the sphere, where the surface transmits): light is met by
     /// chance.
-    fn by_hemisphere<const FULL: bool>(
-        &self,
-        shading: &Shading,
-        depth: u32,
-        stream: &Stream,
-        counters: &mut Counters,
-    ) -> Rgb {
+    fn by_hemisphere(&self, shading: &Shading, depth: u32, stream: &Stream, counters: &mut Counters) -> Rgb {
         let count = self.light_samples;
         let n = shading.reference.n;
         let reflects_only = n != crate::math::Vec3::ZERO;
@@ -147,10 +128,10 @@ impl Integrator<'_> {
             }
             let mut ray = spawn(shading.point.p, shading.point.p_error, shading.point.ng, wi);
             let opacity = dimension::at(depth, dimension::HEMISPHERE_OPACITY);
-            let emitted = match self.visible::<FULL>(&mut ray, &stream, opacity, counters) {
+            let emitted = match self.visible(&mut ray, &stream, opacity, counters) {
                 None => self.scene.lights().environment(wi),
                 Some(hit) => {
-                    let point = self.scene.point::<FULL>(&ray, &hit);
+                    let point = self.scene.point(&ray, &hit);
                     if point.emitter == NO_EMITTER {
                         Rgb::ZERO
                     } else {

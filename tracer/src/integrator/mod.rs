@@ -61,7 +61,8 @@ pub struct Integrator<'a> {
     roulette: Roulette,
     /// Whether the choice of a light or of a primitive needs a number.
     choice: bool,
-    kernel: Kernel,
+    /// Whether no hit has shading normals, textures, an instance or an opacity mask.
+    plain: bool,
     /// Whether masks are looked for.
     masks: bool,
     /// Whether mirrors or smooth glass are.
@@ -92,15 +93,6 @@ impl Strategy {
     fn samples_lights(self) -> bool {
         matches!(self, Strategy::Light | Strategy::Mis)
     }
-}
-
-/// The code that fits the scene: each is compiled apart, without what it does not need.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kernel {
-    /// No shading normals, textures, instances or opacity masks.
-    Plain,
-    /// Everything.
-    Full,
 }
 
 /// Numbers of decisions ([`Stream`]'s dimensions): two for the camera, then eight a vertex.
@@ -166,7 +158,6 @@ impl<'a> Integrator<'a> {
     pub fn new(scene: &'a Scene, method: &Method) -> Self {
         let facts = scene.facts();
         let without = scene.without();
-        let attributes = facts.attributes() || without.leaves(Special::Attributes);
         let masks = facts.opacity || without.leaves(Special::Opacity);
         let counted = match method.only {
             None => (0, u32::MAX),
@@ -189,7 +180,7 @@ impl<'a> Integrator<'a> {
             splits: method.splits.max(1),
             roulette: method.roulette,
             choice: !facts.one_emitter || without.leaves(Special::OneEmitter),
-            kernel: if attributes || masks { Kernel::Full } else { Kernel::Plain },
+            plain: !facts.attributes() && !masks,
             masks,
             deltas: facts.delta || without.leaves(Special::NoDeltas),
             lamp: scene.lights().lone_rectangle().filter(|_| !without.leaves(Special::Lamp)),
@@ -202,26 +193,26 @@ impl<'a> Integrator<'a> {
         }
     }
 
+    /// Whether paths go on in several ways.
+    #[must_use]
+    pub fn splits(&self) -> bool {
+        self.splits > 1
+    }
+
     /// One sample of the pixel at column `x`, row `y`.
     #[inline]
     #[must_use]
     pub fn sample(&self, x: u32, y: u32, stream: &Stream, counters: &mut Counters) -> Sample {
-        match self.kernel {
-            Kernel::Plain => self.path::<false>(x, y, stream, counters, None),
-            Kernel::Full => self.path::<true>(x, y, stream, counters, None),
-        }
+        self.path(x, y, stream, counters, None)
     }
 
     /// The same sample, told to `probe` vertex by vertex.
     #[must_use]
     pub fn probed(&self, x: u32, y: u32, stream: &Stream, counters: &mut Counters, probe: &mut dyn Probe) -> Sample {
-        match self.kernel {
-            Kernel::Plain => self.path::<false>(x, y, stream, counters, Some(probe)),
-            Kernel::Full => self.path::<true>(x, y, stream, counters, Some(probe)),
-        }
+        self.path(x, y, stream, counters, Some(probe))
     }
 
-    fn path<const FULL: bool>(
+    fn path(
         &self,
         x: u32,
         y: u32,
@@ -243,14 +234,14 @@ impl<'a> Integrator<'a> {
             known: false,
         };
         let end = loop {
-            let shading = match self.arrive::<FULL>(&mut walk, stream, self.splits, counters, &mut probe) {
+            let shading = match self.arrive(&mut walk, stream, self.splits, counters, &mut probe) {
                 Ok(shading) => shading,
                 Err(end) => break end,
             };
             if self.splits > 1 && !shading.bsdf.is_delta() {
-                break self.split::<FULL>(&mut walk, &shading, stream, counters, &mut probe);
+                break self.split(&mut walk, &shading, stream, counters, &mut probe);
             }
-            if let Err(end) = self.scatter::<FULL>(&mut walk, &shading, stream, 1) {
+            if let Err(end) = self.scatter(&mut walk, &shading, stream, 1) {
                 break end;
             }
         };
@@ -261,7 +252,7 @@ impl<'a> Integrator<'a> {
     }
 
     /// Go on from a vertex in several ways; each brings its share.
-    fn split<const FULL: bool>(
+    fn split(
         &self,
         walk: &mut Walk,
         shading: &Shading,
@@ -275,17 +266,20 @@ impl<'a> Integrator<'a> {
         for k in 0..self.splits {
             let stream = stream.fork(k, self.splits);
             let mut branch = Walk { radiance: Rgb::ZERO, known: false, ..*walk };
-            let mut scattered = self.scatter::<FULL>(&mut branch, shading, &stream, self.splits);
+            let mut scattered = self.scatter(&mut branch, shading, &stream, self.splits);
             last = loop {
                 if let Err(end) = scattered {
                     break end;
                 }
-                scattered = match self.arrive::<FULL>(&mut branch, &stream, 1, counters, probe) {
-                    Ok(shading) => self.scatter::<FULL>(&mut branch, &shading, &stream, 1),
+                scattered = match self.arrive(&mut branch, &stream, 1, counters, probe) {
+                    Ok(shading) => self.scatter(&mut branch, &shading, &stream, 1),
                     Err(end) => Err(end),
                 };
             };
             sum += branch.radiance;
+            if let Some(probe) = probe.as_deref_mut() {
+                probe.way(branch.radiance);
+            }
             walk.known &= branch.known;
         }
         walk.radiance += sum / self.splits as f32;
@@ -295,7 +289,7 @@ impl<'a> Integrator<'a> {
     /// Follow the ray to its vertex and gather light there; `Err` where the path ends. `splits` is in how many ways it
     /// would go on if this were no delta.
     #[inline(always)]
-    fn arrive<const FULL: bool>(
+    fn arrive(
         &self,
         walk: &mut Walk,
         stream: &Stream,
@@ -305,8 +299,8 @@ impl<'a> Integrator<'a> {
     ) -> Result<Shading, End> {
         let depth = walk.depth;
         let opacity = dimension::at(depth, dimension::OPACITY);
-        let Some(hit) = self.visible::<FULL>(&mut walk.ray, stream, opacity, counters) else {
-            walk.known = depth == 0 && !(FULL && self.scene.facts().opacity);
+        let Some(hit) = self.visible(&mut walk.ray, stream, opacity, counters) else {
+            walk.known = depth == 0 && !self.scene.facts().opacity;
             if self.counts(depth) && self.scene.facts().environment {
                 let wi = walk.ray.direction.normalize();
                 let weight = self.weight(&walk.arrival, |from| self.scene.lights().environment_pdf(from, wi));
@@ -314,7 +308,7 @@ impl<'a> Integrator<'a> {
             }
             return Err(End::Escaped);
         };
-        let point = self.scene.point::<FULL>(&walk.ray, &hit);
+        let point = self.scene.point(&walk.ray, &hit);
         if point.emitter != NO_EMITTER && self.counts(depth) {
             walk.radiance += walk.throughput * self.found(&point, &walk.ray, &walk.arrival);
         }
@@ -324,23 +318,17 @@ impl<'a> Integrator<'a> {
             probe.vertex(&Vertex::new(depth, &shading, hit, walk.throughput, walk.radiance, self.scene));
         }
         if depth >= self.max_depth {
-            walk.known = depth == 0 && !(FULL && self.scene.facts().opacity);
+            walk.known = depth == 0 && !self.scene.facts().opacity;
             return Err(End::Depth);
         }
         counters.vertices += 1;
-        walk.radiance += walk.throughput * self.direct::<FULL>(&shading, depth, splits, stream, counters);
+        walk.radiance += walk.throughput * self.direct(&shading, depth, splits, stream, counters);
         Ok(shading)
     }
 
     /// Choose where the path goes on from a vertex, one of `splits` ways; `Err` where it ends.
     #[inline(always)]
-    fn scatter<const FULL: bool>(
-        &self,
-        walk: &mut Walk,
-        shading: &Shading,
-        stream: &Stream,
-        splits: u32,
-    ) -> Result<(), End> {
+    fn scatter(&self, walk: &mut Walk, shading: &Shading, stream: &Stream, splits: u32) -> Result<(), End> {
         // The next segment is worth tracing if the path may go on from its end, or if light that its
         // end gives is counted there.
         let (depth, next) = (walk.depth, walk.depth + 1);
@@ -350,7 +338,7 @@ impl<'a> Integrator<'a> {
         }
         let u_lobe = stream.one(dimension::at(depth, dimension::LOBE));
         let u = stream.two(dimension::at(depth, dimension::DIRECTION));
-        let black = || depth == 0 && !(FULL && self.scene.facts().opacity) && shading.bsdf.albedo() == Rgb::ZERO;
+        let black = || depth == 0 && !self.scene.facts().opacity && shading.bsdf.albedo() == Rgb::ZERO;
         let Some(sample) = shading.bsdf.sample(shading.wo, u_lobe, u) else {
             walk.known = black();
             return Err(End::Absorbed);
@@ -395,15 +383,9 @@ impl<'a> Integrator<'a> {
     /// The nearest surface that meets light at all: masks are passed at random. `ray` becomes the one that
     /// hit.
     #[inline]
-    fn visible<const FULL: bool>(
-        &self,
-        ray: &mut Ray,
-        stream: &Stream,
-        dimension: u32,
-        counters: &mut Counters,
-    ) -> Option<Hit> {
+    fn visible(&self, ray: &mut Ray, stream: &Stream, dimension: u32, counters: &mut Counters) -> Option<Hit> {
         let hit = self.scene.closest(ray, counters)?;
-        if FULL && self.masks { self.behind_masks(hit, ray, stream, dimension, counters) } else { Some(hit) }
+        if self.masks { self.behind_masks(hit, ray, stream, dimension, counters) } else { Some(hit) }
     }
 
     #[inline(never)]
@@ -418,7 +400,7 @@ impl<'a> Integrator<'a> {
         /// A ray through more layers than this is lost.
         const MAX_LAYERS: u32 = 4096;
         for layer in 0..MAX_LAYERS {
-            let point = self.scene.point::<true>(ray, &hit);
+            let point = self.scene.point(ray, &hit);
             let opacity = self.scene.material(&point).opacity(point.uv);
             if opacity >= 1.0 || stream.split(layer).one(dimension) < opacity {
                 return Some(hit);

@@ -12,10 +12,13 @@ use crate::{
 /// Is told of a path as it grows.
 pub trait Probe {
     /// The path has reached a vertex; emission there is in `radiance` already.
-    fn vertex(&mut self, vertex: &Vertex);
+    fn vertex(&mut self, _vertex: &Vertex) {}
+
+    /// One of the ways in which the path went on has ended with this radiance; the path's own holds its share.
+    fn way(&mut self, _radiance: Rgb) {}
 
     /// The path has ended with this radiance.
-    fn end(&mut self, end: End, radiance: Rgb);
+    fn end(&mut self, _end: End, _radiance: Rgb) {}
 }
 
 /// A vertex of a path.

@@ -269,17 +269,12 @@ impl Scene {
         Record::new(&self.parts, hit.shape, hit.primitive, corners)
     }
 
-    /// Everything that shading needs of a hit. `ATTRIBUTES` false: the scene has no shading normals,
-    /// textures or instances, and none are looked for.
+    /// Everything that shading needs of a hit.
     #[inline]
     #[must_use]
-    pub fn point<const ATTRIBUTES: bool>(&self, ray: &Ray, hit: &Hit) -> Point {
+    pub fn point(&self, ray: &Ray, hit: &Hit) -> Point {
         let at = self.accel.surface(ray, hit);
-        let placement = if ATTRIBUTES && hit.instance != Hit::NO_INSTANCE {
-            Some(&self.parts.instances[hit.instance as usize])
-        } else {
-            None
-        };
+        let placement = (hit.instance != Hit::NO_INSTANCE).then(|| &self.parts.instances[hit.instance as usize]);
         let index = hit.shape + placement.map_or(0, |p| p.first_surface);
         let surface = &self.parts.surfaces[index as usize];
         let mut point = Point {
@@ -294,9 +289,7 @@ impl Scene {
             emitter: surface.emitter(hit.primitive),
             surface: index,
         };
-        if ATTRIBUTES {
-            surface.interpolate(hit, placement, &mut point);
-        }
+        surface.interpolate(hit, placement, &mut point);
         point
     }
 

@@ -21,7 +21,7 @@ pub use state::Wave;
 
 use state::{Came, Scatters};
 
-use super::{Integrator, Kernel, Sample, Strategy, dimension, roulette::weight_window};
+use super::{Integrator, Sample, Strategy, dimension, roulette::weight_window};
 use crate::{
     geometry::{Counters, Rays, SurfacePoint},
     lanes::{Lane, NO, YES, lanes_of},
@@ -67,7 +67,7 @@ impl Integrator<'_> {
     /// Whether [`Integrator::wave`] renders this scene and method.
     #[must_use]
     pub fn has_wave(&self) -> bool {
-        self.kernel == Kernel::Plain && self.direct != Strategy::Hemisphere && !self.without.leaves(Special::Waves)
+        self.plain && self.direct != Strategy::Hemisphere && !self.without.leaves(Special::Waves)
     }
 
     /// The code that fits the scene, in words: what was left out is what these do not name.
@@ -75,7 +75,7 @@ impl Integrator<'_> {
     pub fn kernel_in_words(&self) -> Vec<String> {
         let mut words =
             vec![if self.has_wave() { format!("{WIDTH} paths at a time") } else { "one path at a time".into() }];
-        if self.kernel == Kernel::Full {
+        if !self.plain {
             words.push("with attributes of surfaces".into());
         }
         if self.has_wave() && self.scene.accel().is_small() {
@@ -92,7 +92,6 @@ impl Integrator<'_> {
     #[must_use]
     pub fn specialised(&self, sampler: &Sampler) -> Vec<(Special, Vec<Special>)> {
         let (facts, waves) = (self.scene.facts(), self.has_wave());
-        let plain = self.kernel == Kernel::Plain;
         let points = waves && sampler.is_plain();
         let few = waves && self.scene.accel().is_small();
         let pinhole = self.scene.camera().is_plain();
@@ -102,12 +101,9 @@ impl Integrator<'_> {
         let ends_early = !facts.delta && self.direct == Strategy::Light;
         let compiled = Compiled::detect();
         let alone = |special| (special, Vec::new());
-        let single = |special| (special, if waves { vec![Special::Waves] } else { Vec::new() });
         let all = [
             (waves, alone(Special::Waves)),
-            (plain, single(Special::Attributes)),
-            (!facts.opacity && plain, (Special::Opacity, vec![Special::Waves, Special::Attributes])),
-            (!facts.opacity && !plain, alone(Special::Opacity)),
+            (!facts.opacity, (Special::Opacity, if waves { vec![Special::Waves] } else { Vec::new() })),
             (few, alone(Special::Few)),
             (few, alone(Special::Quads)),
             (few, alone(Special::Planes)),

@@ -274,6 +274,16 @@ impl Wave {
         Traced { sample: self.samples[i], first: self.firsts.get(i).copied().flatten() }
     }
 
+    /// The ways in which number `i` of the requests just served went on; its sample holds their mean.
+    #[must_use]
+    pub fn ways(&self, i: usize) -> &[Sample] {
+        if !self.splits.get(i).is_some_and(|splits| *splits) {
+            return &[];
+        }
+        let n = self.branches.len() / self.samples.len();
+        &self.branches[i * n..(i + 1) * n]
+    }
+
     /// Make room for what comes of `requests` paths, which are forked `splits` ways.
     pub(super) fn begin(&mut self, requests: usize, splits: u32, features: bool) {
         let nothing = Sample { radiance: Rgb::ZERO, known: false };
