@@ -37,6 +37,9 @@ fn light_sample(scene: &Scene, method: &Method, in_waves: bool) -> f64 {
     let by_area = matches!(method.light_sampling, Some(LightSampling::Area | LightSampling::Stratified));
     let point = match (in_waves, by_area) {
         (true, _) if scene.lights().lone_rectangle().is_some() => 88.0,
+        // Points on spheres and on triangles are chosen many at once.
+        (true, true) if scene.lights().has_shards() => 65.0,
+        (true, false) if scene.lights().has_balls() => 105.0,
         (true, true) => 137.0,
         (true, false) => 162.0,
         (false, true) => 50.0,
