@@ -70,7 +70,8 @@ impl<const W: usize> Table<W> {
     }
 }
 
-/// The children of a wide node.
+/// The children of a wide node, those with the most primitives last: rays that any hit will do for walk them from the last,
+/// and find one soonest where there are many.
 pub(super) struct Children<const W: usize> {
     pub nodes: [u32; W],
     pub count: usize,
@@ -84,6 +85,7 @@ impl<const W: usize> Children<W> {
             all.push(root);
         } else {
             all.share(binary, root, W);
+            all.nodes[..all.count].sort_by_key(|&node| binary[node as usize].count);
         }
         all
     }
@@ -133,6 +135,7 @@ mod tests {
     /// Cost of the wide tree that is made, and what its leaves hold.
     fn walk<const W: usize>(nodes: &[Node2], root: u32, leaves: &mut Vec<u32>) -> f32 {
         let children = Children::<W>::of(nodes, root);
+        assert!(children.nodes[..children.count].is_sorted_by_key(|&child| nodes[child as usize].count));
         let mut cost = NODE * nodes[root as usize].lo[0];
         for &child in &children.nodes[..children.count] {
             let node = &nodes[child as usize];
@@ -169,6 +172,7 @@ mod tests {
         let Table::<W>(table) = grow(&mut nodes, random, 0, count);
         let mut leaves = Vec::new();
         let cost = walk::<W>(&nodes, 0, &mut leaves);
+        leaves.sort_unstable();
         assert_eq!(leaves, (0..count).collect::<Vec<_>>());
         let root = NODE * nodes[0].lo[0];
         let promised = table[W - 1] + root;
