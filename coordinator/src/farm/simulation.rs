@@ -7,15 +7,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use common::{
-    hash::AssetHash,
     job::{JobId, JobState, LeaseId, WorkerId},
     pass::Work,
-    protocol::{FailureCause, Register, Unit, UnitId},
+    protocol::{FailureCause, Unit, UnitId},
     tile::{Rect, TileGrid},
 };
 use proptest::prelude::*;
 
-use super::*;
+use super::{
+    testing::{register, spec},
+    *,
+};
 
 /// SplitMix64: the schedule is a function of the seed.
 struct Dice(u64);
@@ -140,8 +142,8 @@ impl World {
         };
         for id in 1..=1 + world.dice.next() % 3 {
             let (w, h) = (20 + world.dice.below(90) as u32, 20 + world.dice.below(90) as u32);
-            let frames = (1..=1 + world.dice.below(3) as u32).collect();
-            let spec = spec(id, frames, TileGrid::new(Rect::frame(w, h), 32), gated);
+            let frames = 1 + world.dice.below(3) as u32;
+            let spec = JobSpec { gated, ..spec(id, frames, TileGrid::new(Rect::frame(w, h), 32)) };
             world.specs.insert(spec.id, spec.clone());
             world.states.insert(spec.id, JobState::Queued);
             world.apply(Event::Submit(spec));
@@ -177,7 +179,7 @@ impl World {
 
     fn join(&mut self) {
         self.nonce += 1;
-        let answers = self.apply(Event::Register(register(&format!("n{}", self.nonce), "v1")));
+        let answers = self.apply(Event::Register(register(&format!("n{}", self.nonce), "v1", 2)));
         for answer in answers {
             if let Effect::Registered(id) = answer {
                 self.alive.insert(id);
@@ -302,7 +304,7 @@ impl World {
         self.farm = Farm::new(self.epoch);
         (self.plans, self.measuring, self.saving, self.merging) = Default::default();
         for id in self.alive.clone() {
-            self.apply(Event::RestoreWorker(id, register(&format!("r{id}"), "v1"), WorkerHistory::default()));
+            self.apply(Event::RestoreWorker(id, register(&format!("r{id}"), "v1", 2), WorkerHistory::default()));
         }
         for (id, spec) in self.specs.clone() {
             let tiles = self.disk.iter().filter(|(key, _)| key.job == id).map(|(key, disk)| {
@@ -465,24 +467,6 @@ impl World {
         }
         assert_eq!(self.farm.queue(), (0, 0));
     }
-}
-
-fn spec(id: u64, frames: Vec<u32>, grid: TileGrid, gated: bool) -> JobSpec {
-    JobSpec {
-        id: JobId(id),
-        scene: AssetHash::of(&id.to_le_bytes()),
-        frames,
-        grid,
-        batch: 16,
-        gated,
-        priority: 50,
-        tracer: None,
-        prepare: None,
-    }
-}
-
-fn register(nonce: &str, tracer: &str) -> Register {
-    Register { machine: "m".into(), threads: 2, cpu_features: Vec::new(), tracer: tracer.into(), nonce: nonce.into() }
 }
 
 proptest! {

@@ -6,11 +6,14 @@ use common::{
     method::MethodChoices,
     pass::{PREPARE_PASS, Work},
     plan::Trial,
-    protocol::{FailureCause, Register, UnitId},
+    protocol::{FailureCause, UnitId},
     tile::{Rect, TileGrid},
 };
 
-use super::*;
+use super::{
+    testing::{register, spec},
+    *,
+};
 
 /// A farm whose plans are answered at once: `passes` passes of 16 samples.
 struct Bench {
@@ -60,28 +63,11 @@ impl Bench {
 
     fn submit_tiles(&mut self, id: u64, frames: u32, priority: u8, region: Rect) {
         let grid = TileGrid::new(region, 16);
-        self.apply(Event::Submit(JobSpec {
-            id: JobId(id),
-            scene: AssetHash::of(&id.to_le_bytes()),
-            frames: (1..=frames).collect(),
-            grid,
-            batch: 16,
-            gated: false,
-            priority,
-            tracer: None,
-            prepare: None,
-        }));
+        self.apply(Event::Submit(JobSpec { priority, ..spec(id, frames, grid) }));
     }
 
     fn join(&mut self, nonce: &str, threads: u32) -> WorkerId {
-        let register = Register {
-            machine: "m".into(),
-            threads,
-            cpu_features: Vec::new(),
-            tracer: "v1".into(),
-            nonce: nonce.into(),
-        };
-        let answers = self.apply(Event::Register(register));
+        let answers = self.apply(Event::Register(register(nonce, "v1", threads)));
         answers.iter().find_map(|a| if let Effect::Registered(id) = a { Some(*id) } else { None }).unwrap()
     }
 
@@ -409,17 +395,8 @@ fn workers_of_another_build_get_no_lease_of_a_pinned_job() {
 fn a_job_is_prepared_before_anything_is_rendered_whoever_is_lost_at_it() {
     let mut bench = Bench::new(1);
     let prepare = Some(Trial { region: Rect::frame(64, 32), named: MethodChoices::default(), quality: None });
-    bench.apply(Event::Submit(JobSpec {
-        id: JobId(1),
-        scene: AssetHash::of(b""),
-        frames: vec![1, 2],
-        grid: TileGrid::new(Rect::frame(64, 32), 16),
-        batch: 16,
-        gated: true,
-        priority: 50,
-        tracer: None,
-        prepare,
-    }));
+    let spec = spec(1, 2, TileGrid::new(Rect::frame(64, 32), 16));
+    bench.apply(Event::Submit(JobSpec { gated: true, prepare, ..spec }));
     let (a, b) = (bench.join("a", 1), bench.join("b", 1));
     let is_preparation = |grant: &Grant| {
         let [unit] = &grant.units[..] else { return false };
@@ -469,27 +446,8 @@ fn a_gated_tile_waits_for_its_neighbours_and_others_do_not() {
     for gated in [false, true] {
         let mut farm = Farm::new(1);
         let grid = TileGrid::new(Rect::frame(64, 16), 16);
-        let scene = AssetHash::of(b"");
-        let spec = JobSpec {
-            id: JobId(1),
-            scene,
-            frames: vec![1],
-            grid,
-            batch: 16,
-            gated,
-            priority: 50,
-            tracer: None,
-            prepare: None,
-        };
-        farm.apply(Event::Submit(spec), 0.0);
-        let register = Register {
-            machine: "m".into(),
-            threads: 1,
-            cpu_features: Vec::new(),
-            tracer: "v".into(),
-            nonce: "n".into(),
-        };
-        farm.apply(Event::Register(register), 0.0);
+        farm.apply(Event::Submit(JobSpec { gated, ..spec(1, 1, grid) }), 0.0);
+        farm.apply(Event::Register(register("n", "v", 1)), 0.0);
         let ask = Event::Ask { worker: WorkerId(1), ask: 1, prepared: Vec::new() };
         let plans = |effects: Vec<Effect>| -> Vec<(u32, u32)> {
             effects
@@ -532,17 +490,7 @@ fn a_gated_tile_waits_for_its_neighbours_and_others_do_not() {
 fn parts_that_were_stored_before_a_restart_are_not_rendered_again() {
     let mut bench = Bench::new(1);
     let grid = TileGrid::new(Rect::frame(16, 16), 16);
-    let spec = JobSpec {
-        id: JobId(1),
-        scene: AssetHash::of(b""),
-        frames: vec![1],
-        grid,
-        batch: 16,
-        gated: false,
-        priority: 50,
-        tracer: None,
-        prepare: None,
-    };
+    let spec = spec(1, 1, grid);
     let all = Rect::frame(16, 16).split(64);
     let parts = Some((64, all[..3].to_vec()));
     let tiles = BTreeMap::from([((1, 0), TileProgress { parts, ..TileProgress::default() })]);
