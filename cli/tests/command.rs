@@ -426,7 +426,7 @@ fn a_method_left_open_is_chosen_once_reported_and_has_the_bytes_of_the_same_meth
     let image = |folder_name: &str| std::fs::read(folder.path().join(folder_name).join("frame-0001.exr")).unwrap();
     assert!(image("open") == image("closed"));
 
-    let said = tessera(folder.path(), "plan good.json --resolution 128x128");
+    let said = tessera(folder.path(), "plan good.json --resolution 128x128 --samples 32");
     let said = String::from_utf8(said.stdout).unwrap();
     assert!(said.contains("has not") && said.contains("* ") && said.contains("efficiency"), "{said}");
 }
