@@ -20,8 +20,6 @@ pub enum Special {
     Planes,
     /// The only light is a rectangle; without it, its samples are taken as those of any light.
     Lamp,
-    /// One emitter; without it, a number is drawn to choose one.
-    OneEmitter,
     /// Lambert's law for many paths at once; without it, each is asked of its material.
     Lambert,
     /// Rough metals for many paths at once; without it, each is asked of its material.
@@ -53,7 +51,6 @@ impl Special {
         ("quads", Self::Quads),
         ("planes", Self::Planes),
         ("lamp", Self::Lamp),
-        ("one-emitter", Self::OneEmitter),
         ("lambert", Self::Lambert),
         ("facets", Self::Facets),
         ("balls", Self::Balls),
@@ -82,7 +79,6 @@ impl Special {
             Self::Quads => "each half of a quadrilateral by itself",
             Self::Planes => "the planes that rays leave or end before",
             Self::Lamp => "lights of other shapes than one rectangle",
-            Self::OneEmitter => "a number to choose a light by",
             Self::Lambert => "asking each material how it scatters",
             Self::Facets => "asking each rough metal how it scatters",
             Self::Balls => "points on shining spheres one by one",

@@ -47,7 +47,7 @@ pub struct BenchRenderArgs {
     #[arg(short, long, value_name = "FILE.pfm")]
     pub output: Option<PathBuf>,
     /// Leave specialisations of the code unused, by their names: the picture stays the same, and what they save is seen.
-    /// Some serve only where others are not used: opacity without waves, one-emitter without lamp, avx2 without avx512
+    /// Some serve only where others are not used: opacity without waves, avx2 without avx512
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = choice(Special::ALL))]
     pub general: Vec<Special>,
     /// What to render. The target is a number of samples [default: 16].

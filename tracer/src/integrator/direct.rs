@@ -41,7 +41,7 @@ impl Integrator<'_> {
                 // Further samples of one decision come from point sets of their own.
                 let stream = if drawn == 0 { *stream } else { stream.split(drawn) };
                 drawn += 1;
-                let choice = if self.choice { stream.one(dimension::at(depth, dimension::LIGHT_CHOICE)) } else { 0.5 };
+                let choice = stream.one(dimension::at(depth, dimension::LIGHT_CHOICE));
                 (choice, stream.two(dimension::at(depth, dimension::LIGHT)))
             };
             self.scene.lights().for_each(&shading.reference, Stratum { index, count }, draw, |sample| {

@@ -59,8 +59,6 @@ pub struct Integrator<'a> {
     /// In how many ways a path goes on from its first vertex that is no delta.
     splits: u32,
     roulette: Roulette,
-    /// Whether the choice of a light or of a primitive needs a number.
-    choice: bool,
     /// Whether no hit has shading normals, textures, an instance or an opacity mask.
     plain: bool,
     /// Whether masks are looked for.
@@ -179,7 +177,6 @@ impl<'a> Integrator<'a> {
             light_samples: method.light_samples,
             splits: method.splits.max(1),
             roulette: method.roulette,
-            choice: !facts.one_emitter || without.leaves(Special::OneEmitter),
             plain: !facts.attributes() && !masks,
             masks,
             deltas: facts.delta || without.leaves(Special::NoDeltas),

@@ -106,16 +106,12 @@ impl Integrator<'_> {
     /// Light samples of any kind, for the lanes in `gathers` whose material is no delta.
     fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64, at_once: AtOnce) {
         let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
-        if self.choice {
-            wave.draw_one(samplers, dimension::LIGHT_CHOICE);
-        }
+        wave.draw_one(samplers, dimension::LIGHT_CHOICE);
         (wave.ball, wave.shard) = ([NO; WIDTH], [NO; WIDTH]);
         for i in lanes_of(gathers) {
             wave.lit[i] = NO;
             if wave.scatters[i] != Scatters::Delta {
-                if self.choice {
-                    picks[n] = wave.u_one[i];
-                }
+                picks[n] = wave.u_one[i];
                 lanes[n] = i;
                 n += 1;
             }

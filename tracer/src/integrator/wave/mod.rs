@@ -108,7 +108,6 @@ impl Integrator<'_> {
             (few, alone(Special::Quads)),
             (few, alone(Special::Planes)),
             (waves && self.lamp.is_some(), alone(Special::Lamp)),
-            (facts.one_emitter && self.direct.samples_lights(), (Special::OneEmitter, vec![Special::Lamp])),
             (lambert, alone(Special::Lambert)),
             (waves && self.scene.has_facets(), alone(Special::Facets)),
             (waves && balls, alone(Special::Balls)),
