@@ -14,8 +14,8 @@ use serde::Serialize;
 use tracer::{
     Prepared, UnitRender,
     integrator::Integrator,
-    sampler::Sampler,
     special::{Special, Without},
+    unit,
 };
 use worker::clock::thread_seconds;
 
@@ -73,9 +73,7 @@ pub fn measure(bundle: &mut Bundle, request: &JobRequest, settings: &RenderSetti
     let settings = RenderSettings { resolution, ..settings.clone() };
     let noted = bundle.notes.len();
     let special = bundle.load(&request)?.build();
-    let sampler = Sampler::new(settings.method.sampler, settings.seed, settings.frame, settings.batch)
-        .in_sets(settings.batches_per_set);
-    let used = Integrator::new(special.scene(), &settings.method).specialised(&sampler);
+    let used = Integrator::new(special.scene(), &settings.method).specialised(&unit::sampler(&settings));
 
     // As many rows as take about so long.
     let all = seconds(&special, &settings, 1).max(1e-6);

@@ -156,7 +156,9 @@ thread_local! {
     static WORKSPACE: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
 }
 
-fn sampler(settings: &RenderSettings) -> Sampler {
+/// The points that units of these settings are rendered with.
+#[must_use]
+pub fn sampler(settings: &RenderSettings) -> Sampler {
     Sampler::new(settings.method.sampler, settings.seed, settings.frame, settings.batch)
         .in_sets(settings.batches_per_set)
 }

@@ -29,7 +29,8 @@ pub(crate) struct AtOnce {
 
 impl Lights {
     /// One sample of [`Lights::for_each`], of up to [`crate::lanes::WIDTH`] hits at once: `query` gives the reference and the
-    /// numbers of each, `visit` takes its sample, or what is to be sampled `at_once`. `round` counts the samples that a hit takes, all lights before the next stratum of `strata`.
+    /// numbers of each, `visit` takes its sample, or what is to be sampled `at_once`. `round` counts
+    /// the samples that a hit takes, all lights before the next stratum of `strata`.
     pub(crate) fn for_all(
         &self,
         proven: Proven,
@@ -71,7 +72,7 @@ impl Lights {
             }
             Choice::All => {
                 let light = self.live.get((round % lights) as usize);
-                // The same sphere for every hit.
+                // The same emitter for every hit.
                 let lone = light.and_then(|&light| self.lone_source(light));
                 if let Some(left) = lone.and_then(|source| self.left(source, 1.0, at_once)) {
                     return (0..n).for_each(|i| visit(i, left));
