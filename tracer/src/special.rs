@@ -15,8 +15,8 @@ pub enum Special {
     Few,
     /// Two triangles that make a flat quadrilateral are one; without it, each is held against rays by itself.
     Quads,
-    /// Rays are held against neither the plane that they leave nor that of the lamp which they end before; without it,
-    /// they are.
+    /// Rays are held against neither the plane that they leave nor that of the lamp, or the sphere, which they end before;
+    /// without it, they are.
     Planes,
     /// The only light is a rectangle; without it, its samples are taken as those of any light.
     Lamp,
@@ -77,7 +77,7 @@ impl Special {
             Self::Opacity => "opacity masks",
             Self::Few => "a tree over the surfaces",
             Self::Quads => "each half of a quadrilateral by itself",
-            Self::Planes => "the planes that rays leave or end before",
+            Self::Planes => "the planes that rays leave or end before, and spheres",
             Self::Lamp => "lights of other shapes than one rectangle",
             Self::Lambert => "asking each material how it scatters",
             Self::Facets => "asking each rough metal how it scatters",

@@ -215,6 +215,14 @@ impl Accel {
         self.few.as_ref().map_or([0; 2], |few| few.spared(id as u32))
     }
 
+    /// Where [`Accel::is_small`], the bit of the sphere `id` in [`Rays::ended`] for rays that end before it: those of
+    /// [`super::spawn_to`] to a point on the near side of it, at a cosine of at least 1/16 and from no nearer than its
+    /// radius. The plane that touches the sphere there parts it from the whole ray: the ray's end is on the plane's outer side
+    /// up to the rounding of the normal's length, a few [`f32::EPSILON`] of the radius, and the ray stops 8 of these of its length before.
+    pub(crate) fn round(&self, id: usize) -> u32 {
+        self.few.as_ref().map_or(0, |few| few.round(id as u32))
+    }
+
     /// Where [`Accel::is_small`], shape and primitive of each primitive's number.
     pub(crate) fn places(&self) -> &[(u32, u32)] {
         &self.few_places

@@ -84,6 +84,11 @@ impl Few {
         self.spared.get(id as usize).copied().unwrap_or_default()
     }
 
+    /// The bit in [`Rays::ended`] of primitive `id`, where that is a sphere or disk; else none.
+    pub fn round(&self, id: u32) -> u32 {
+        self.others.iter().position(|(other, _)| *other == id).map_or(0, |k| 1 << k)
+    }
+
     /// Spheres and disks that lane `i` may hit, by what [`FewRays::closest`] or [`FewRays::occluded`] has found.
     pub fn others<'a>(&'a self, work: &FewRays, i: usize) -> impl Iterator<Item = u32> + use<'a> {
         let mut bits = work.masks.others[i];
@@ -272,6 +277,9 @@ impl FewRays {
     }
 }
 
+/// No sphere and no disk, of each ray.
+pub(crate) const NO_ROUND: &Lane<u32> = &[0; WIDTH];
+
 /// Rays side by side.
 #[derive(Clone, Copy)]
 pub(crate) struct Rays<'a> {
@@ -284,6 +292,8 @@ pub(crate) struct Rays<'a> {
     pub t_max: &'a Lane<f32>,
     /// Triangles that each need not be held against, where it is known that it does not hit them.
     pub spared: &'a [Lane<u32>; 2],
+    /// The same of spheres and disks.
+    pub ended: &'a Lane<u32>,
 }
 
 impl Rays<'_> {

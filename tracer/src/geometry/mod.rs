@@ -40,7 +40,7 @@ pub use accel::{Accel, Options, Stats};
 pub use bounds::Bounds;
 pub use bvh::{BuildMethod, Width};
 pub use few::FewRays;
-pub(crate) use few::{Found, Rays, Spared};
+pub(crate) use few::{Found, NO_ROUND, Rays, Spared};
 pub use offset::{spawn, spawn_to};
 pub use ray::{Counters, Hit, Ray};
 pub use simd::InstructionSet;

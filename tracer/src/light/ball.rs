@@ -8,6 +8,8 @@ use crate::math::{Rgb, Vec2, Vec3, gamma};
 pub struct Ball {
     /// Centre.
     pub center: Vec3,
+    /// Number of the emitter.
+    pub emitter: u32,
     /// Radius.
     pub radius: f32,
     /// Whether it shines inwards too.

@@ -42,10 +42,7 @@ impl Lights {
     ) {
         let lights = self.samples_at_once().max(1);
         let stratum = Stratum { index: round / lights, count: strata };
-        let at_once = AtOnce {
-            balls: at_once.balls && self.sampling == LightSampling::SolidAngle,
-            shards: at_once.shards && self.sampling == LightSampling::Area,
-        };
+        let at_once = self.that_suit(at_once);
         let mut draw = |i: usize, chosen: Option<(Source, f32)>, reference: &Reference, u| {
             let drawn = chosen.map_or(Drawn::Nothing, |(source, chosen)| {
                 self.left(source, chosen, at_once).unwrap_or_else(|| {
@@ -72,11 +69,6 @@ impl Lights {
             }
             Choice::All => {
                 let light = self.live.get((round % lights) as usize);
-                // The same emitter for every hit.
-                let lone = light.and_then(|&light| self.lone_source(light));
-                if let Some(left) = lone.and_then(|source| self.left(source, 1.0, at_once)) {
-                    return (0..n).for_each(|i| visit(i, left));
-                }
                 for i in 0..n {
                     let (reference, pick, u) = query(i);
                     let of = |&light| self.source(light, 1.0, alias::lengthen(pick, u));
@@ -94,10 +86,20 @@ impl Lights {
         }
     }
 
-    /// The emitter that is all of the light with this number.
-    fn lone_source(&self, light: u32) -> Option<Source> {
+    /// What [`Lights::for_all`] would leave to be sampled at once for every hit of a round, where that is the same: with
+    /// every light sampled, those of one emitter.
+    pub(crate) fn same_for_all(&self, round: u32, at_once: AtOnce) -> Option<Drawn> {
+        let Choice::All = self.choice else { return None };
+        let light = *self.live.get((round % self.samples_at_once().max(1)) as usize)?;
         let area = self.areas.get(light as usize).filter(|area| area.table.len() == 1)?;
-        Some(Source::Emitter(area.first))
+        self.left(Source::Emitter(area.first), 1.0, self.that_suit(at_once))
+    }
+
+    fn that_suit(&self, at_once: AtOnce) -> AtOnce {
+        AtOnce {
+            balls: at_once.balls && self.sampling == LightSampling::SolidAngle,
+            shards: at_once.shards && self.sampling == LightSampling::Area,
+        }
     }
 
     /// What was chosen with probability `chosen`, if it is to be sampled `at_once`.
@@ -108,7 +110,7 @@ impl Lights {
         let Area { radiance, two_sided, .. } = self.areas[primitive.area as usize];
         match primitive.shape {
             Emitter::Sphere { center, radius } if at_once.balls => {
-                Some(Drawn::Ball(Ball { center, radius, two_sided, radiance, chosen }))
+                Some(Drawn::Ball(Ball { emitter, center, radius, two_sided, radiance, chosen }))
             }
             Emitter::Triangle { p } if at_once.shards => Some(Drawn::Shard(Shard { p, two_sided, radiance, chosen })),
             _ => None,

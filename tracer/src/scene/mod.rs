@@ -47,6 +47,9 @@ pub struct Scene {
     lights: Lights,
     /// Where the world needs no tree, its primitives.
     records: Arc<[Record]>,
+    /// And of each emitter there that is a sphere, its bit in [`Rays::ended`](crate::geometry::Rays); other emitters have
+    /// none, and the last ones may be missing.
+    rounds: Arc<[u32]>,
     without: Without,
 }
 
@@ -122,8 +125,10 @@ impl Draft {
             parts.flats.iter_mut().for_each(|flat| flat.facets = None);
         }
         let accel = Accel::build_with(self.world, self.options);
-        let records = record::of(&accel, &parts).into();
-        Scene { accel: Arc::new(accel), parts: Arc::new(parts), lights: self.lights, records, without }
+        let records = record::of(&accel, &parts);
+        let rounds = record::rounds(&accel, &records).into();
+        let (accel, parts, records) = (Arc::new(accel), Arc::new(parts), records.into());
+        Scene { accel, parts, lights: self.lights, records, rounds, without }
     }
 }
 
@@ -169,6 +174,7 @@ impl Scene {
             parts: Arc::clone(&self.parts),
             lights: self.lights.with_method(method),
             records: Arc::clone(&self.records),
+            rounds: Arc::clone(&self.rounds),
             without: self.without,
         })
     }
@@ -183,6 +189,7 @@ impl Scene {
             parts: Arc::clone(&self.parts),
             lights: self.lights.clone(),
             records: Arc::clone(&self.records),
+            rounds: Arc::clone(&self.rounds),
             without,
         })
     }
@@ -260,6 +267,13 @@ impl Scene {
             [low | spared[0], high | spared[1]]
         });
         (bits, lamp.size2())
+    }
+
+    /// Where the world has no tree, the bit of an emitter that is a sphere for rays that [end before
+    /// it](Accel::round).
+    #[inline(always)]
+    pub(crate) fn round(&self, emitter: u32) -> u32 {
+        self.rounds.get(emitter as usize).copied().unwrap_or(0)
     }
 
     /// The same of any hit that is on no instance, with the corners of the triangle that was hit.

@@ -50,6 +50,19 @@ impl Record {
     }
 }
 
+/// Of every emitter that is a sphere or disk of a small world, its [`Accel::round`].
+pub(super) fn rounds(accel: &Accel, records: &[Record]) -> Vec<u32> {
+    let mut rounds = Vec::new();
+    for (id, record) in records.iter().enumerate() {
+        let (bit, emitter) = (accel.round(id), record.emitter as usize);
+        if bit != 0 && record.emitter != super::NO_EMITTER {
+            rounds.resize(rounds.len().max(emitter + 1), 0);
+            rounds[emitter] = bit;
+        }
+    }
+    rounds
+}
+
 /// Of every primitive's number in a small world.
 pub(super) fn of(accel: &Accel, parts: &Parts) -> Vec<Record> {
     let record = |&(shape, primitive): &(u32, u32)| {

@@ -8,7 +8,7 @@
 //! [`BOUND`] is four times that.
 
 use super::{Few, LANES, Rays};
-use crate::lanes::{Flag, Lane, NO, WIDTH, block, block_mut, covering};
+use crate::lanes::{Flag, Lane, NO, WIDTH, block as block_of, block_mut, covering};
 use crate::math::select;
 
 /// Error of the ray's parameter, in units of M / c.
@@ -277,14 +277,18 @@ pub(super) fn held<const ANY: bool>(few: &Few, rays: &Rays, kept: &mut Kept, mas
             }
         }
         for (word, found) in found.iter_mut().enumerate() {
-            let spared: [u32; LANES] = crate::lanes::block(&rays.spared[word], k);
+            let spared: [u32; LANES] = block_of(&rays.spared[word], k);
             for l in 0..LANES {
                 found[l] &= !spared[l];
             }
             *block_mut(&mut masks.triangles[word], k) = *found;
         }
         *block_mut(&mut masks.sure, k) = block.sure;
-        *block_mut(&mut masks.others, k) = around(few, &block);
+        let (mut others, ended): (_, [u32; LANES]) = (around(few, &block), block_of(rays.ended, k));
+        for l in 0..LANES {
+            others[l] &= !ended[l];
+        }
+        *block_mut(&mut masks.others, k) = others;
     }
 }
 
@@ -294,7 +298,7 @@ impl Block {
     #[inline(always)]
     fn new(few: &Few, rays: &Rays, k: usize) -> Self {
         let (origin, direction) = (rays.origin.block::<LANES>(k), rays.direction.block::<LANES>(k));
-        let (mut error, mut reach, mut best) = ([0.0; LANES], [0.0; LANES], block(rays.t_max, k));
+        let (mut error, mut reach, mut best) = ([0.0; LANES], [0.0; LANES], block_of(rays.t_max, k));
         for l in 0..LANES {
             let most = |a: f32, b: f32| select(a > b, a, b);
             let size = most(most(origin[0][l].abs(), origin[1][l].abs()), most(origin[2][l].abs(), few.extent));

@@ -6,7 +6,7 @@ use crate::{
     geometry::{Counters, Rays, spawn},
     integrator::{Integrator, Strategy, dimension, power_heuristic},
     lanes::{Flag, Lane3, NO, WIDTH, YES, lanes_of, mask_of},
-    light::{AtOnce, Drawn, Reference},
+    light::{AtOnce, Ball, Drawn, Reference},
     math::{Rgb, Vec2, Vec3},
     special::Special,
 };
@@ -85,7 +85,7 @@ impl Integrator<'_> {
             wave.shadow_origin.set(i, ray.origin);
             wave.shadow_direction.set(i, ray.direction);
             wave.shadow_t_max[i] = ray.t_max;
-            (wave.shadow_spared[0][i], wave.shadow_spared[1][i]) = (0, 0);
+            (wave.shadow_spared[0][i], wave.shadow_spared[1][i], wave.shadow_ended[i]) = (0, 0, 0);
         }
         let rays = Rays {
             n: wave.n,
@@ -94,6 +94,7 @@ impl Integrator<'_> {
             direction: &wave.shadow_direction,
             t_max: &wave.shadow_t_max,
             spared: &wave.shadow_spared,
+            ended: &wave.shadow_ended,
         };
         let accel = self.scene.accel();
         if !accel.occluded_of(&mut wave.few, &rays, &mut wave.occluded, counters) {
@@ -105,11 +106,16 @@ impl Integrator<'_> {
 
     /// Light samples of any kind, for the lanes in `gathers` whose material is no delta.
     fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64, at_once: AtOnce) {
+        let lights = self.scene.lights();
+        if let Some(Drawn::Ball(ball)) = lights.same_for_all(round, at_once) {
+            stages::same_ball_light(wave.proven, wave, &ball, self.round(&ball));
+            return self.wave_imprecise(wave, samplers, round, gathers & mask_of(&wave.infinite));
+        }
         let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
         wave.draw_one(samplers, dimension::LIGHT_CHOICE);
         (wave.ball, wave.shard) = ([NO; WIDTH], [NO; WIDTH]);
         for i in lanes_of(gathers) {
-            wave.lit[i] = NO;
+            (wave.lit[i], wave.ball_round[i]) = (NO, 0);
             if wave.scatters[i] != Scatters::Delta {
                 picks[n] = wave.u_one[i];
                 lanes[n] = i;
@@ -122,7 +128,7 @@ impl Integrator<'_> {
             *reference = (Reference { p: wave.p.at(i), n: wave.n_reflecting.at(i) }, u);
         }
         let query = |k: usize| (references[k].0, picks[k], references[k].1);
-        self.scene.lights().for_all(
+        lights.for_all(
             wave.proven,
             n,
             (round, self.light_samples),
@@ -131,7 +137,7 @@ impl Integrator<'_> {
             |k, drawn| match drawn {
                 Drawn::Nothing => {}
                 Drawn::Sample(light) => wave.set_light(lanes[k], &light),
-                Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball),
+                Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball, self.round(&ball)),
                 Drawn::Shard(shard) => wave.set_shard(lanes[k], &shard),
             },
         );
@@ -140,12 +146,20 @@ impl Integrator<'_> {
         }
         if mask_of(&wave.ball) != 0 {
             stages::ball_light(wave.proven, wave);
-            let imprecise = mask_of(&wave.ball) & mask_of(&wave.infinite);
-            if imprecise != 0 {
-                // From inside, as one path would.
-                self.wave_light_samples(wave, samplers, round, imprecise, AtOnce::default());
-            }
+            self.wave_imprecise(wave, samplers, round, mask_of(&wave.ball) & mask_of(&wave.infinite));
         }
+    }
+
+    /// Samples of spheres from inside, as one path would.
+    fn wave_imprecise(&self, wave: &mut Wave, samplers: &Samplers, round: u32, lanes: u64) {
+        if lanes != 0 {
+            self.wave_light_samples(wave, samplers, round, lanes, AtOnce::default());
+        }
+    }
+
+    /// The sphere's bit for rays that end before it.
+    fn round(&self, ball: &Ball) -> u32 {
+        if self.without.leaves(Special::Planes) { 0 } else { self.scene.round(ball.emitter) }
     }
 
     /// What a light sample brings by way of a rough metal, once its facets are known.

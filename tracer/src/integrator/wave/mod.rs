@@ -23,7 +23,7 @@ use state::{Came, Scatters};
 
 use super::{Integrator, Sample, Strategy, dimension, roulette::weight_window};
 use crate::{
-    geometry::{Counters, Rays, SurfacePoint},
+    geometry::{Counters, NO_ROUND, Rays, SurfacePoint},
     lanes::{Lane, NO, YES, lanes_of},
     material::Material,
     math::{Rgb, Vec2, Vec3},
@@ -233,6 +233,7 @@ impl Integrator<'_> {
             direction: &wave.direction,
             t_max: &wave.t_max,
             spared: &wave.spared,
+            ended: NO_ROUND,
         };
         let planes = !self.without.leaves(Special::Planes);
         let small = accel.closest_of(&mut wave.few, &rays, &mut wave.found, counters);

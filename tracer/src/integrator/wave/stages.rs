@@ -147,6 +147,7 @@ stage! {
             let ball = Ball {
                 center: w.ball_center.at(i),
                 radius: w.ball_radius[i],
+                emitter: 0,
                 two_sided: w.lamp_two_sided[i] == YES,
                 radiance: w.light_radiance.at(i),
                 chosen: w.lamp_chosen[i],
@@ -154,6 +155,27 @@ stage! {
             let is_ball = w.ball[i] == YES;
             let sample = ball.sample(w.p.at(i), Vec2::new(w.u[0][i], w.u[1][i]));
             light_where(w, i, is_ball, &sample);
+        }
+    }
+}
+
+stage! {
+    /// The same of one sphere for every path that gathers light.
+    pub(super) fn same_ball_light(w: &mut Wave, ball: &Ball, round: u32) {
+        let ball = *ball;
+        for i in 0..covering(w.n) {
+            let sample = ball.sample(w.p.at(i), Vec2::new(w.u[0][i], w.u[1][i]));
+            let gathers = Flag::from(w.scatters[i] as u32 != Scatters::Delta as u32) & w.gathers[i];
+            w.wi.set(i, sample.wi);
+            w.light.set(i, sample.point);
+            w.light_error.set(i, sample.point_error);
+            w.light_ng.set(i, sample.ng);
+            w.light_radiance.set(i, sample.radiance);
+            w.light_pdf[i] = sample.pdf;
+            w.lit[i] = Flag::from(sample.valid & sample.precise) & gathers;
+            w.infinite[i] = Flag::from(!sample.precise) & gathers;
+            w.ball_radius[i] = ball.radius;
+            w.ball_round[i] = round;
         }
     }
 }
@@ -244,7 +266,7 @@ stage! {
             w.shadow_origin.set(i, ray.origin);
             w.shadow_direction.set(i, ray.direction);
             w.shadow_t_max[i] = ray.t_max;
-            // Neither the plane left behind nor that of the lamp ahead, which the ray ends before.
+            // Neither the plane left behind nor that of the lamp ahead, which the ray ends before, or the sphere.
             let d = ray.direction;
             let (length2, from, to) = (d.length_squared(), d.dot(ng), d.dot(w.light_ng.at(i)));
             let leaves = u32::from(from * from > FLAT * length2).wrapping_neg();
@@ -252,6 +274,9 @@ stage! {
             for k in 0..2 {
                 w.shadow_spared[k][i] = w.own[k][i] & leaves | lamp[k] & reaches;
             }
+            let radius = w.ball_radius[i];
+            let parted = (to < 0.0) & (to * to > FLAT * length2) & (length2 > radius * radius);
+            w.shadow_ended[i] = w.ball_round[i] & u32::from(parted).wrapping_neg();
         }
     }
 }

@@ -127,6 +127,8 @@ pub struct Wave {
     pub(super) ball: Lane<Flag>,
     pub(super) ball_center: Lane3,
     pub(super) ball_radius: Lane<f32>,
+    /// And its bit for rays that [end before it](crate::geometry::Rays); 0 for lanes that have none.
+    pub(super) ball_round: Lane<u32>,
     pub(super) shard: Lane<Flag>,
     pub(super) shard_corners: [Lane3; 3],
     pub(super) lamp_two_sided: Lane<Flag>,
@@ -137,6 +139,7 @@ pub struct Wave {
     pub(super) shadow_direction: Lane3,
     pub(super) shadow_t_max: Lane<f32>,
     pub(super) shadow_spared: [Lane<u32>; 2],
+    pub(super) shadow_ended: Lane<u32>,
     pub(super) occluded: Lane<Flag>,
     pub(super) few: FewRays,
     pub(super) found: Found,
@@ -248,6 +251,7 @@ impl Wave {
             ball: [NO; WIDTH],
             ball_center: zeros,
             ball_radius: zero,
+            ball_round: [0; WIDTH],
             shard: [NO; WIDTH],
             shard_corners: [zeros; 3],
             lamp_two_sided: [NO; WIDTH],
@@ -257,6 +261,7 @@ impl Wave {
             shadow_direction: zeros,
             shadow_t_max: zero,
             shadow_spared: [[0; WIDTH]; 2],
+            shadow_ended: [0; WIDTH],
             occluded: [NO; WIDTH],
             few: FewRays::new(proven),
             found: Found::NOTHING,
@@ -299,6 +304,7 @@ impl Wave {
         self.n = requests.saturating_mul(splits as usize).min(WIDTH);
         // Stages look at as many lanes as there are paths: what the wave before left in the others must not be seen.
         (self.alive, self.ended, self.gathers, self.lit) = ([NO; WIDTH], [NO; WIDTH], [NO; WIDTH], [NO; WIDTH]);
+        self.ball_round = [0; WIDTH];
         self.idle = if self.n == WIDTH { u64::MAX } else { (1 << self.n) - 1 };
     }
 
@@ -404,8 +410,9 @@ impl Wave {
     }
 
     #[inline(always)]
-    pub(super) fn set_ball(&mut self, i: usize, ball: &Ball) {
+    pub(super) fn set_ball(&mut self, i: usize, ball: &Ball, round: u32) {
         self.ball[i] = YES;
+        self.ball_round[i] = round;
         self.ball_center.set(i, ball.center);
         self.ball_radius[i] = ball.radius;
         self.lamp_two_sided[i] = Flag::from(ball.two_sided);

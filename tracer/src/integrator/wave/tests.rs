@@ -376,6 +376,7 @@ fn planes_that_are_spared_would_not_have_been_hit() {
                 direction: &rays.1,
                 t_max: &rays.2,
                 spared: &spared,
+                ended: NO_ROUND,
             };
             let (mut found, mut occluded) = (Found::NOTHING, [NO; WIDTH]);
             let mut counters = Counters::default();
