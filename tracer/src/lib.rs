@@ -31,7 +31,7 @@ pub use unit::{Loaded, Prepared, RowResult, UnitRender};
 
 /// Names the arithmetic of this build: units of two builds with the same version are byte-equal. Bump it
 /// with every change that alters an image's bits.
-pub const VERSION: &str = concat!("tessera-", env!("CARGO_PKG_VERSION"), "-4");
+pub const VERSION: &str = concat!("tessera-", env!("CARGO_PKG_VERSION"), "-5");
 
 /// Decoded files of a scene, by the relative path that the scene names them with.
 #[derive(Debug, Default)]

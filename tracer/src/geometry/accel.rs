@@ -22,7 +22,7 @@ use super::{
     sphere, surface, textbook,
     triangle::{self, RayFrame},
 };
-use crate::lanes::{Flag, Lane, NO, YES};
+use crate::lanes::{Flag, Lane, NO};
 
 /// How to build and how to ask.
 #[derive(Clone, Copy, Debug)]
@@ -188,7 +188,7 @@ impl Accel {
         let Some(few) = &self.few else { return false };
         counters.rays += rays.count();
         work.closest(few, rays, found, counters);
-        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+        for i in work.near_others(rays) {
             for id in few.others(work, i) {
                 counters.primitive_tests += 1;
                 let open = Ray { t_max: found.t[i].next_up(), ..rays.at(i) };
@@ -239,7 +239,7 @@ impl Accel {
         let Some(few) = &self.few else { return false };
         counters.rays += rays.count();
         work.occluded(few, rays, occluded, counters);
-        for i in (0..rays.n).filter(|&i| rays.active[i] == YES) {
+        for i in work.near_others(rays) {
             for id in few.others(work, i) {
                 if occluded[i] == NO {
                     counters.primitive_tests += 1;

@@ -10,7 +10,7 @@ mod facet;
 
 use super::{Counters, Ray, bvh::traverse::WIDEN, offset::gamma};
 use crate::{
-    lanes::{Flag, Lane, Lane3, NO, Proven, WIDTH, YES, covering, stage},
+    lanes::{Flag, Lane, Lane3, NO, Proven, WIDTH, YES, covering, lanes_of, mask_of, stage},
     math::{Vec3, select},
 };
 use facet::{Facet, Kept, Masks, Round};
@@ -97,6 +97,16 @@ impl Few {
             bits &= bits - 1;
             Some(*id)
         })
+    }
+}
+
+impl FewRays {
+    /// The first lanes, up to `n`, of active rays that may hit spheres or disks, as of [`FewRays::closest`] or
+    /// [`FewRays::occluded`].
+    pub(super) fn near_others(&self, rays: &Rays) -> impl Iterator<Item = usize> + use<> {
+        let n = rays.n;
+        let some: Lane<Flag> = std::array::from_fn(|i| rays.active[i] & Flag::from(self.masks.others[i] != 0));
+        lanes_of(mask_of(&some)).take_while(move |&i| i < n)
     }
 }
 
@@ -227,12 +237,12 @@ impl FewRays {
     /// Decide what the filter has left, and tell of each hit.
     #[inline(always)]
     fn each_candidate(&mut self, few: &Few, rays: &Rays, mut hit: impl FnMut(&Self, usize)) {
-        for ray in 0..rays.n {
+        let some: Lane<Flag> = std::array::from_fn(|i| {
+            let bits = self.masks.triangles[0][i] | self.masks.triangles[1][i];
+            rays.active[i] & Flag::from((bits != 0) & (self.axis[i] != NOWHERE))
+        });
+        for ray in lanes_of(mask_of(&some)).take_while(|&ray| ray < rays.n) {
             let axis = self.axis[ray] as usize;
-            if rays.active[ray] == NO || axis == NOWHERE as usize {
-                self.masks.others[ray] &= rays.active[ray].wrapping_neg();
-                continue;
-            }
             let mut bits = u64::from(self.masks.triangles[0][ray]) | u64::from(self.masks.triangles[1][ray]) << 32;
             while bits != 0 {
                 let triangle = bits.trailing_zeros() as usize;

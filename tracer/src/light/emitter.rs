@@ -186,7 +186,7 @@ impl Emitter {
         match Seen::new(self, LightSampling::SolidAngle, p) {
             Seen::Triangle(triangle) => Some(triangle.solid_angle()),
             Seen::Rectangle(rectangle) => Some(rectangle.solid_angle()),
-            Seen::Cone(cone) => Some(cone.solid_angle() as f32),
+            Seen::Cone(cone) => Some(cone.solid_angle()),
             Seen::Around => Some((4.0 * PI) as f32),
             Seen::Surface => None,
         }

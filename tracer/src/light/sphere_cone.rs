@@ -1,19 +1,21 @@
 //! Directions uniform over the cone that a sphere subtends.
+//!
+//! Differences that may cancel are taken in `f64`; once they are, products and roots of `f32` are as precise as their
+//! numbers are stored, and a vector holds twice as many.
 
-use std::f64::consts::PI;
+use std::f32::consts::PI;
 
-use crate::math::{DVec3, Frame, Vec2, Vec3, gamma, select, sin_cos_turns};
+use crate::math::{Frame, Vec2, Vec3, gamma, select, sin_cos_turns};
 
 /// A sphere as seen from a reference point outside it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SphereCone {
-    /// From the reference point to the centre.
-    axis: DVec3,
-    distance: f64,
-    /// Cosine of the cone's half angle.
-    cos_edge: f64,
-    /// 1 - `cos_edge`. As a difference it would vanish at 1e-8 of a radian.
-    height: f64,
+    /// Unit vector from the centre to the reference point.
+    axis: Vec3,
+    /// 1 / (1 + the cosine of the cone's half angle).
+    inverse: f32,
+    /// 1 - that cosine. As a difference it would vanish at 1e-4 of a radian.
+    height: f32,
 }
 
 impl SphereCone {
@@ -35,43 +37,44 @@ impl SphereCone {
         let xy = select(x > y, x, y);
         let rounding = f64::from(gamma(8) * (select(xy > z, xy, z) + radius));
         let inside = f64::from(radius) + rounding;
-        let cos_edge = ((distance2 - radius2) / distance2).sqrt();
-        let cone = Self { axis, distance: distance2.sqrt(), cos_edge, height: radius2 / distance2 / (1.0 + cos_edge) };
-        (cone, distance2 > inside * inside)
+        let (inverse2, outside2) = (1.0 / distance2, distance2 - radius2);
+        let cos_edge = ((outside2 * inverse2) as f32).sqrt();
+        let inverse = 1.0 / (1.0 + cos_edge);
+        let axis = (axis * -inverse2.sqrt()).as_vec3();
+        (Self { axis, inverse, height: (radius2 * inverse2) as f32 * inverse }, distance2 > inside * inside)
     }
 
     /// Density of directions uniform over it, at most the largest finite one.
     #[inline(always)]
     pub(super) fn pdf(&self) -> f32 {
         let pdf = 1.0 / self.solid_angle();
-        select(pdf < f64::from(f32::MAX), pdf, f64::from(f32::MAX)) as f32
+        select(pdf < f32::MAX, pdf, f32::MAX)
     }
 
     /// Solid angle, 0 to 2 pi.
     #[inline(always)]
-    pub(super) fn solid_angle(&self) -> f64 {
+    pub(super) fn solid_angle(&self) -> f32 {
         2.0 * PI * self.height
     }
 
     /// The direction that `u` chooses, and the unit normal of the sphere at the point there.
     #[inline(always)]
     pub(super) fn sample(&self, u: Vec2) -> (Vec3, Vec3) {
-        let x = f64::from(u.x);
         // 1 - cos of the angle at the reference point.
-        let rise = x * self.height;
+        let rise = u.x * self.height;
         let (sin, cos) = ((rise * (2.0 - rise)).sqrt(), 1.0 - rise);
         // Sine of the angle between the direction and the normal, by the law of sines: radius and distance
         // cancel, so that it is as precise for a far sphere as for a near one.
-        let sin_2 = x * (2.0 - rise) / (1.0 + self.cos_edge);
+        let sin_2 = u.x * (2.0 - rise) * self.inverse;
         let sin_2 = select(sin_2 < 1.0, sin_2, 1.0);
         let (sin_normal, cos_normal) = (sin_2.sqrt(), (1.0 - sin_2).sqrt());
         // The angle at the centre is the difference of the two.
         let cos_center = cos_normal * cos + sin_normal * sin;
         let sin_center = sin_normal * cos - cos_normal * sin;
-        let frame = Frame::from_normal((-self.axis / self.distance).as_vec3());
+        let frame = Frame::from_normal(self.axis);
         let (sin_turn, cos_turn) = sin_cos_turns(u.y);
         let across = frame.t * cos_turn + frame.b * sin_turn;
-        let wi = across * sin as f32 - frame.n * cos as f32;
-        (wi, across * sin_center as f32 + frame.n * cos_center as f32)
+        let wi = across * sin - frame.n * cos;
+        (wi, across * sin_center + frame.n * cos_center)
     }
 }

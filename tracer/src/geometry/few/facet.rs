@@ -251,29 +251,29 @@ struct Block {
 pub(super) fn held<const ANY: bool>(few: &Few, rays: &Rays, kept: &mut Kept, masks: &mut Masks) {
     for k in 0..covering(rays.n) / LANES {
         let mut block = Block::new(few, rays, k);
-        let mut n = 0;
+        let (mut n, mut found) = (0, [[0u32; LANES]; 2]);
         for (axis, facets) in few.facets[0].iter().enumerate() {
-            n = against::<ANY, true>(axis, facets, &mut block, kept, n);
+            n = against::<ANY, true>(axis, facets, &mut block, kept, n, &mut found);
         }
         for (axis, facets) in few.facets[1].iter().enumerate() {
-            n = against::<ANY, false>(axis, facets, &mut block, kept, n);
-        }
-        let mut found = [[0u32; LANES]; 2];
-        for (f, [first, second]) in few.facets.iter().flatten().flatten().zip(&kept.0) {
-            let [[a0, a1], [b0, b1]] = f.bits;
-            for l in 0..LANES {
-                // What begins after a sure hit is not nearest.
-                let first = u32::from(first[l] <= block.best[l]).wrapping_neg();
-                let second = u32::from(second[l] <= block.best[l]).wrapping_neg();
-                found[0][l] |= first & a0 | second & b0;
-                found[1][l] |= first & a1 | second & b1;
-            }
+            n = against::<ANY, false>(axis, facets, &mut block, kept, n, &mut found);
         }
         if ANY {
             for l in 0..LANES {
                 let open = (block.sure[l] ^ 1).wrapping_neg();
                 found[0][l] &= open;
                 found[1][l] &= open;
+            }
+        } else {
+            for (f, [first, second]) in few.facets.iter().flatten().flatten().zip(&kept.0) {
+                let [[a0, a1], [b0, b1]] = f.bits;
+                for l in 0..LANES {
+                    // What begins after a sure hit is not nearest.
+                    let first = u32::from(first[l] <= block.best[l]).wrapping_neg();
+                    let second = u32::from(second[l] <= block.best[l]).wrapping_neg();
+                    found[0][l] |= first & a0 | second & b0;
+                    found[1][l] |= first & a1 | second & b1;
+                }
             }
         }
         for (word, found) in found.iter_mut().enumerate() {
@@ -313,8 +313,8 @@ impl Block {
     }
 }
 
-/// Hold facets of one axis against a block of rays; what is kept goes to `kept` from `n` on. `QUAD`: they have two
-/// triangles.
+/// Hold facets of one axis against a block of rays. With `ANY`, the bits of what may be hit go to `found`; else what is
+/// kept goes to `kept` from `n` on. `QUAD`: they have two triangles.
 // Loops over lanes of many arrays at once.
 #[allow(clippy::needless_range_loop)]
 #[inline(always)]
@@ -324,6 +324,7 @@ fn against<const ANY: bool, const QUAD: bool>(
     block: &mut Block,
     kept: &mut Kept,
     mut n: usize,
+    found: &mut [[u32; LANES]; 2],
 ) -> usize {
     let pick = |v: &[[f32; LANES]; 3]| [v[(axis + 1) % 3], v[(axis + 2) % 3], v[axis]];
     let ([ou, ov, ow], [du, dv, dw]) = (pick(&block.origin), pick(&block.direction));
@@ -331,6 +332,7 @@ fn against<const ANY: bool, const QUAD: bool>(
     for f in facets {
         let [kept_first, kept_second] = &mut kept.0[n % super::MOST_TRIANGLES];
         n += 1;
+        let [[a0, a1], [b0, b1]] = f.bits;
         for l in 0..LANES {
             let c = f.normal[0] * du[l] + f.normal[1] * dv[l] + dw[l];
             let height = f.offset - (f.normal[0] * ou[l] + f.normal[1] * ov[l] + ow[l]);
@@ -354,12 +356,16 @@ fn against<const ANY: bool, const QUAD: bool>(
             if !QUAD {
                 sure &= side > es;
             }
-            let soonest = select(soonest > -f32::MAX, soonest, -f32::MAX);
-            kept_first[l] = select(!(out | not_first), soonest, f32::NAN);
-            kept_second[l] = select(QUAD & !(out | not_second), soonest, f32::NAN);
             if ANY {
+                let first = u32::from(!(out | not_first)).wrapping_neg();
+                let second = u32::from(QUAD & !(out | not_second)).wrapping_neg();
+                found[0][l] |= first & a0 | second & b0;
+                found[1][l] |= first & a1 | second & b1;
                 block.sure[l] |= Flag::from(sure & (latest < block.best[l] * (1.0 - 64.0 * f32::EPSILON)));
             } else {
+                let soonest = select(soonest > -f32::MAX, soonest, -f32::MAX);
+                kept_first[l] = select(!(out | not_first), soonest, f32::NAN);
+                kept_second[l] = select(QUAD & !(out | not_second), soonest, f32::NAN);
                 block.best[l] = select(sure & (latest < block.best[l]), latest, block.best[l]);
             }
         }
@@ -371,7 +377,11 @@ fn against<const ANY: bool, const QUAD: bool>(
 #[allow(clippy::needless_range_loop)]
 #[inline(always)]
 fn around(few: &Few, block: &Block) -> [u32; LANES] {
-    let mut found = [0u32; LANES];
+    let (mut found, mut length) = ([0u32; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let d = [block.direction[0][l], block.direction[1][l], block.direction[2][l]];
+        length[l] = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+    }
     for (k, (_, round)) in few.others.iter().enumerate() {
         for l in 0..LANES {
             let o: [f32; 3] = [
@@ -388,7 +398,7 @@ fn around(few: &Few, block: &Block) -> [u32; LANES] {
             let size = block.origin[0][l].abs() + block.origin[1][l].abs() + block.origin[2][l].abs() + round.size;
             let e = 32.0 * f32::EPSILON * size * size;
             let safe = (a > 1e-20) & (a < 1e20) & (size < 1e10) & (size > 1e-10);
-            let clear = (b * b - a * c < -4.0 * a * e) | (c > e) & (b > 16.0 * f32::EPSILON * size * a.sqrt());
+            let clear = (b * b - a * c < -4.0 * a * e) | (c > e) & (b > 16.0 * f32::EPSILON * size * length[l]);
             found[l] |= u32::from(!(clear & safe)) << k;
         }
     }

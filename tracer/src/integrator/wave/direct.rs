@@ -128,19 +128,12 @@ impl Integrator<'_> {
             *reference = (Reference { p: wave.p.at(i), n: wave.n_reflecting.at(i) }, u);
         }
         let query = |k: usize| (references[k].0, picks[k], references[k].1);
-        lights.for_all(
-            wave.proven,
-            n,
-            (round, self.light_samples),
-            at_once,
-            query,
-            |k, drawn| match drawn {
-                Drawn::Nothing => {}
-                Drawn::Sample(light) => wave.set_light(lanes[k], &light),
-                Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball, self.round(&ball)),
-                Drawn::Shard(shard) => wave.set_shard(lanes[k], &shard),
-            },
-        );
+        lights.for_all(wave.proven, n, (round, self.light_samples), at_once, query, |k, drawn| match drawn {
+            Drawn::Nothing => {}
+            Drawn::Sample(light) => wave.set_light(lanes[k], &light),
+            Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball, self.round(&ball)),
+            Drawn::Shard(shard) => wave.set_shard(lanes[k], &shard),
+        });
         if mask_of(&wave.shard) != 0 {
             stages::shard_light(wave.proven, wave);
         }

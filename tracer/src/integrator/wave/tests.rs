@@ -285,6 +285,7 @@ fn a_world_of_few_primitives_is_traced_as_by_its_tree() {
                 direction: &rays.1,
                 t_max: &rays.2,
                 spared: &[[0; WIDTH]; 2],
+                ended: NO_ROUND,
             };
             let (mut found, mut occluded) = (Found::NOTHING, [NO; WIDTH]);
             let mut counters = Counters::default();
@@ -391,4 +392,63 @@ fn planes_that_are_spared_would_not_have_been_hit() {
         }
     }
     assert!(spared_rays > 400_000 && hits > 80_000, "{spared_rays} {hits}");
+}
+
+/// Shadow rays that are not held against the sphere which they end before are refused by the test that others go through:
+/// spheres seen from near and far, small and large, some far from the origin, at their middle and at their edge.
+#[test]
+fn spheres_that_rays_end_before_would_not_have_been_hit() {
+    use crate::geometry::{Accel, FewRays, Rays, Shape, TriangleTest, World};
+    use crate::lanes::Proven;
+    use crate::light::Ball;
+    use crate::math::uniform_sphere;
+
+    let sampler = Sampler::new(Kind::Independent, 9, 1, 16);
+    let mut wave = Wave::new();
+    let mut work = FewRays::new(Proven::new(Compiled::detect()).unwrap());
+    let (mut ended, mut lit) = (0u32, 0u32);
+    for round in 0..3000u32 {
+        let number = |d: u32| sampler.stream(0, round, 0).one(d);
+        let scale = [1.0f32, 1e-3, 300.0, 5.5][round as usize % 4];
+        let away = if round % 3 == 0 { scale * 40.0 } else { scale };
+        let radius = scale * [1.0, 0.1, 1e-3][(round / 4) as usize % 3];
+        let center = uniform_sphere(sampler.stream(1, round, 0).two(0)) * (away * number(0));
+        let accel = Accel::build(
+            World { shapes: vec![Shape::Sphere { center, radius }], ..World::default() },
+            TriangleTest::Watertight,
+        );
+        let ball = Ball { emitter: 0, center, radius, two_sided: round % 2 == 0, radiance: Rgb::ONE, chosen: 1.0 };
+        wave.begin(WIDTH, 1, false);
+        for i in 0..WIDTH {
+            let stream = sampler.stream(2 + i as u32, round, 0);
+            let height = [1e-3, 0.1, 1.0, 100.0][i % 4] * (0.5 + stream.one(0));
+            let direction = uniform_sphere(stream.two(1));
+            wave.p.set(i, center + direction * (radius * (1.0 + height)));
+            wave.p_error.set(i, wave.p.at(i).abs() * (4.0 * f32::EPSILON));
+            wave.ng.set(i, uniform_sphere(stream.two(2)));
+            let u = stream.two(3);
+            (wave.u[0][i], wave.u[1][i]) = (if i % 3 == 0 { 1.0 - u.x * 0.01 } else { u.x }, u.y);
+            (wave.gathers[i], wave.scatters[i]) = (YES, Scatters::Diffuse);
+        }
+        stages::same_ball_light(wave.proven, &mut wave, &ball, accel.round(0));
+        stages::shadow_rays(wave.proven, &mut wave, [0; 2], 0.0);
+        let rays = Rays {
+            n: WIDTH,
+            active: &wave.lit,
+            origin: &wave.shadow_origin,
+            direction: &wave.shadow_direction,
+            t_max: &wave.shadow_t_max,
+            spared: &wave.shadow_spared,
+            ended: &wave.shadow_ended,
+        };
+        let (mut occluded, mut counters) = ([NO; WIDTH], Counters::default());
+        assert!(accel.occluded_of(&mut work, &rays, &mut occluded, &mut counters));
+        for i in lanes_of(crate::lanes::mask_of(&wave.lit)) {
+            let expected = accel.occluded(&rays.at(i), &mut counters);
+            assert_eq!(occluded[i] == YES, expected, "round {round}: {:?}", rays.at(i));
+            ended += u32::from(wave.shadow_ended[i] != 0);
+            lit += 1;
+        }
+    }
+    assert!(ended > 50_000 && lit > ended + 50_000, "{ended} of {lit}");
 }
