@@ -4,7 +4,7 @@ use super::{
     Area, Emitter, Primitive, Reference, Source,
     cone::Cone,
     delta::{self, DeltaLight},
-    tree::{self, LightBounds, LightTree, Walk},
+    tree::{self, LightBounds, LightTree, Root, Walk},
 };
 use crate::{
     lanes::{Proven, WIDTH},
@@ -83,6 +83,12 @@ impl TreeChoice {
                 Some((self.sources[light as usize], self.share * probability))
             }
         }
+    }
+
+    /// The tree's root and what its children are, where those are all there is to choose from; a missing child is any.
+    pub(super) fn root(&self) -> Option<(Root, [Source; 4])> {
+        let (root, lights) = self.tree.as_ref().filter(|_| self.infinite.is_empty())?.root()?;
+        Some((root, lights.map(|light| self.sources[light as usize])))
     }
 
     /// [`TreeChoice::pick`] for up to [`WIDTH`] references at once: `query` gives that of a place, with its number, and

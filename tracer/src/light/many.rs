@@ -86,16 +86,21 @@ impl Lights {
         }
     }
 
-    /// What [`Lights::for_all`] would leave to be sampled at once for every hit of a round, where that is the same: with
-    /// every light sampled, those of one emitter.
+    /// What [`Lights::for_all`] would leave to be sampled at once for every hit of a round, where that is the same: one
+    /// emitter, where every light is sampled or it is the only one.
     pub(crate) fn same_for_all(&self, round: u32, at_once: AtOnce) -> Option<Drawn> {
-        let Choice::All = self.choice else { return None };
+        match self.choice {
+            Choice::All => {}
+            Choice::Table(_) if self.live.len() == 1 => {}
+            _ => return None,
+        }
         let light = *self.live.get((round % self.samples_at_once().max(1)) as usize)?;
         let area = self.areas.get(light as usize).filter(|area| area.table.len() == 1)?;
         self.left(Source::Emitter(area.first), 1.0, self.that_suit(at_once))
     }
 
-    fn that_suit(&self, at_once: AtOnce) -> AtOnce {
+    /// Of `at_once`, what the method samples so.
+    pub(super) fn that_suit(&self, at_once: AtOnce) -> AtOnce {
         AtOnce {
             balls: at_once.balls && self.sampling == LightSampling::SolidAngle,
             shards: at_once.shards && self.sampling == LightSampling::Area,
@@ -104,7 +109,7 @@ impl Lights {
 
     /// What was chosen with probability `chosen`, if it is to be sampled `at_once`.
     #[inline]
-    fn left(&self, source: Source, chosen: f32, at_once: AtOnce) -> Option<Drawn> {
+    pub(super) fn left(&self, source: Source, chosen: f32, at_once: AtOnce) -> Option<Drawn> {
         let Source::Emitter(emitter) = source else { return None };
         let primitive = &self.emitters[emitter as usize];
         let Area { radiance, two_sided, .. } = self.areas[primitive.area as usize];

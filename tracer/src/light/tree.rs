@@ -5,13 +5,14 @@
 //! much it may matter: its intensity, over the square of its distance, times cosines at both ends, each at
 //! its largest within the child's bounds. Sampling and evaluating walk the same way with the same function,
 //! so both find the same probability to the bit. The tree is built with two children a node and every other
-//! level is then left out; four children lie side by side in memory and are weighed at once.
+//! level is then left out; four children lie side by side in memory and are weighed at once. Four lights or fewer are the
+//! children of one node.
 //!
 //! Distances are clamped to the radius of the bounds; both are lengths and enter squared, so the unit that
 //! a scene is measured in cancels. (A clamp that compares a square with a length, as is often written,
 //! makes the choice depend on that unit: `textbook::mixed_importance`.)
 
-use super::cone::Cone;
+use super::{cone::Cone, of_child};
 use crate::{
     geometry::prefetch,
     lanes::{self, stage},
@@ -212,6 +213,13 @@ impl LightTree {
         }
     }
 
+    /// The root and the light of each of its children, where those are all; that of a missing child is any.
+    pub(super) fn root(&self) -> Option<(Root, [u32; WIDTH])> {
+        let [node] = &self.nodes[..] else { return None };
+        let children = [node.child(0), node.child(1), node.child(2), node.child(3)];
+        Some((Root { children, scale: self.scale }, node.index.map(|index| index & !LEAF)))
+    }
+
     /// The probability with which [`LightTree::sample`] chooses `light`.
     #[inline]
     pub(super) fn probability(&self, p: Vec3, n: Vec3, light: u32) -> f32 {
@@ -326,20 +334,60 @@ fn importances(at: &[(&Node, Vec3, Vec3); TOGETHER], importance: &mut [[f32; WID
 /// Probabilities of a node's children; `None` where none of them matters. None that matters gets none.
 #[inline(always)]
 fn shares(importance: &[f32; WIDTH]) -> Option<[f32; WIDTH]> {
+    let (shares, some) = shares_if_any(importance);
+    some.then_some(shares)
+}
+
+/// The same, and whether any matters. Without branches, so that loops over it become vector code.
+#[inline(always)]
+fn shares_if_any(importance: &[f32; WIDTH]) -> ([f32; WIDTH], bool) {
     let total = |of: &[f32; WIDTH]| (of[0] + of[1]) + (of[2] + of[3]);
     let sum = total(importance);
-    if !(sum > 0.0 && sum < f32::INFINITY) {
-        return None;
-    }
     // No share is so small that the walk's arithmetic could lose it.
     let floor = sum * f32::EPSILON;
     let kept = importance.map(|i| select(0.0 >= i, 0.0, larger(i, floor)));
     let scale = 1.0 / total(&kept);
-    Some(kept.map(|kept| kept * scale))
+    (kept.map(|kept| kept * scale), (sum > 0.0) & (sum < f32::INFINITY))
+}
+
+/// A node that is all of a tree: of at most four lights.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Root {
+    children: [Child; WIDTH],
+    scale: f32,
+}
+
+impl Root {
+    /// [`LightTree::sample`], but it gives the child that it takes, and whether there is one. Without branches, so that
+    /// loops over it become vector code.
+    #[inline(always)]
+    pub(super) fn sample(&self, p: Vec3, n: Vec3, u: f64) -> (u32, f32, bool) {
+        let p = p * self.scale;
+        let importance = [
+            self.children[0].importance(p, n),
+            self.children[1].importance(p, n),
+            self.children[2].importance(p, n),
+            self.children[3].importance(p, n),
+        ];
+        let (shares, some) = shares_if_any(&importance);
+        let share = [f64::from(shares[0]), f64::from(shares[1]), f64::from(shares[2])];
+        let edges = [share[0], share[0] + share[1], share[0] + share[1] + share[2]];
+        let chosen = u32::from(u >= edges[0]) + u32::from(u >= edges[1]) + u32::from(u >= edges[2]);
+        // As [`Walk::go`].
+        let (mut last, mut lane) = (0, 0);
+        for share in shares {
+            let mask = u32::from(share > 0.0).wrapping_neg();
+            last = lane & mask | last & !mask;
+            lane += 1;
+        }
+        let missed = u32::from(of_child(shares, chosen) == 0.0).wrapping_neg();
+        let chosen = last & missed | chosen & !missed;
+        (chosen, of_child(shares, chosen), some)
+    }
 }
 
 /// Some lights below a node.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 struct Child {
     center: Vec3,
     radius2: f32,
@@ -408,24 +456,24 @@ impl Builder<'_> {
         // Its place comes before its children's; what it says comes after theirs is known.
         self.tree.nodes.push(Node::EMPTY);
         let mut node = Node::EMPTY;
-        let mut lane = 0;
-        let (left, right) = self.halves(order, 2 * depth);
-        for half in [left, right] {
-            let (left, right) = self.halves(half, 2 * depth + 1);
-            for part in [left, right] {
-                if part.is_empty() {
-                    continue;
-                }
-                let trail = trail | (lane as u64) << (2 * depth);
-                let index = if let [light] = *part {
-                    self.tree.trails[light as usize] = trail;
-                    LEAF | light
-                } else {
-                    self.build(part, depth + 1, trail)
-                };
-                self.fill(&mut node, lane, part, index);
-                lane += 1;
-            }
+        let parts: [&mut [u32]; WIDTH] = if order.len() <= WIDTH {
+            // Each light by itself tells more than two of them together.
+            let mut lights = order.chunks_mut(1);
+            std::array::from_fn(|_| lights.next().unwrap_or_default())
+        } else {
+            let (left, right) = self.halves(order, 2 * depth);
+            let ((a, b), (c, d)) = (self.halves(left, 2 * depth + 1), self.halves(right, 2 * depth + 1));
+            [a, b, c, d]
+        };
+        for (lane, part) in parts.into_iter().filter(|part| !part.is_empty()).enumerate() {
+            let trail = trail | (lane as u64) << (2 * depth);
+            let index = if let [light] = *part {
+                self.tree.trails[light as usize] = trail;
+                LEAF | light
+            } else {
+                self.build(part, depth + 1, trail)
+            };
+            self.fill(&mut node, lane, part, index);
         }
         self.tree.nodes[at] = node;
         at as u32

@@ -6,7 +6,7 @@ use crate::{
     geometry::{Counters, Rays, spawn},
     integrator::{Integrator, Strategy, dimension, power_heuristic},
     lanes::{Flag, Lane3, NO, WIDTH, YES, lanes_of, mask_of},
-    light::{AtOnce, Ball, Drawn, Reference},
+    light::{AtOnce, Drawn, Reference},
     math::{Rgb, Vec2, Vec3},
     special::Special,
 };
@@ -108,8 +108,14 @@ impl Integrator<'_> {
     fn wave_light_samples(&self, wave: &mut Wave, samplers: &Samplers, round: u32, gathers: u64, at_once: AtOnce) {
         let lights = self.scene.lights();
         if let Some(Drawn::Ball(ball)) = lights.same_for_all(round, at_once) {
-            stages::same_ball_light(wave.proven, wave, &ball, self.round(&ball));
+            stages::same_ball_light(wave.proven, wave, &ball, self.round(ball.emitter));
             return self.wave_imprecise(wave, samplers, round, gathers & mask_of(&wave.infinite));
+        }
+        if let Some(few) = lights.few_balls(at_once) {
+            wave.draw_one(samplers, dimension::LIGHT_CHOICE);
+            stages::choose_ball(wave.proven, wave, &few, few.emitters().map(|emitter| self.round(emitter)));
+            stages::ball_light(wave.proven, wave);
+            return self.wave_imprecise(wave, samplers, round, mask_of(&wave.ball) & mask_of(&wave.infinite));
         }
         let (mut lanes, mut picks, mut n) = ([0usize; WIDTH], [0.5; WIDTH], 0);
         wave.draw_one(samplers, dimension::LIGHT_CHOICE);
@@ -131,7 +137,7 @@ impl Integrator<'_> {
         lights.for_all(wave.proven, n, (round, self.light_samples), at_once, query, |k, drawn| match drawn {
             Drawn::Nothing => {}
             Drawn::Sample(light) => wave.set_light(lanes[k], &light),
-            Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball, self.round(&ball)),
+            Drawn::Ball(ball) => wave.set_ball(lanes[k], &ball, self.round(ball.emitter)),
             Drawn::Shard(shard) => wave.set_shard(lanes[k], &shard),
         });
         if mask_of(&wave.shard) != 0 {
@@ -150,9 +156,9 @@ impl Integrator<'_> {
         }
     }
 
-    /// The sphere's bit for rays that end before it.
-    fn round(&self, ball: &Ball) -> u32 {
-        if self.without.leaves(Special::Planes) { 0 } else { self.scene.round(ball.emitter) }
+    /// The bit of an emitter that is a sphere for rays that end before it.
+    fn round(&self, emitter: u32) -> u32 {
+        if self.without.leaves(Special::Planes) { 0 } else { self.scene.round(emitter) }
     }
 
     /// What a light sample brings by way of a rough metal, once its facets are known.

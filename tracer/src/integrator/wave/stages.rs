@@ -7,7 +7,7 @@ use crate::{
     geometry::{Spared, spawn, spawn_to, surface::triangle_point},
     integrator::{dimension, power_heuristic},
     lanes::{Flag, NO, YES, covering, stage},
-    light::{Ball, Lamp, LampSample, Shard},
+    light::{Ball, FewBalls, Lamp, LampSample, Shard, of_child},
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
     microfacet::Ggx,
     sampler::{Batches, COMPUTED, COMPUTED_FORKED, TABLED, TABLED_FORKED, plain_one, plain_two},
@@ -136,6 +136,28 @@ stage! {
             w.light_pdf[i] = sample.pdf;
             w.lit[i] = Flag::from(sample.valid & sample.precise);
             w.infinite[i] = Flag::from(sample.valid & !sample.precise);
+        }
+    }
+}
+
+stage! {
+    /// One of a few spheres for each path that gathers light, by the numbers in `u_one` and `u`; `rounds` are their bits for
+    /// rays that end before them.
+    pub(super) fn choose_ball(w: &mut Wave, few: &FewBalls, rounds: [u32; 4]) {
+        let (few, rounds) = (*few, rounds.map(f32::from_bits));
+        for i in 0..covering(w.n) {
+            let u = Vec2::new(w.u[0][i], w.u[1][i]);
+            let (child, chosen, some) = few.pick(w.p.at(i), w.n_reflecting.at(i), w.u_one[i], u);
+            let ball = few.ball(child, chosen);
+            let gathers = Flag::from(w.scatters[i] as u32 != Scatters::Delta as u32) & w.gathers[i];
+            w.ball[i] = Flag::from(some) & gathers;
+            w.ball_center.set(i, ball.center);
+            w.ball_radius[i] = ball.radius;
+            w.ball_round[i] = of_child(rounds, child).to_bits();
+            w.lamp_two_sided[i] = Flag::from(ball.two_sided);
+            w.lamp_chosen[i] = chosen;
+            w.light_radiance.set(i, ball.radiance);
+            w.lit[i] = NO;
         }
     }
 }

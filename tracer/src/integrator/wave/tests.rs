@@ -157,6 +157,14 @@ fn every_sample_has_the_bits_of_one_path_alone() {
                 { "type": "quad", "vertices": [[-1, 3.9, -1], [0, 3.9, -1], [0, 3.9, 0], [-1, 3.9, 0]], "emission": 5 }
             ] }),
         ),
+        (
+            "a few spheres",
+            json!({ "shapes": [
+                { "type": "sphere", "center": [0, 3, 0], "radius": 0.3, "emission": 20 },
+                { "type": "sphere", "center": [-2, 0.5, 1], "radius": 0.6, "emission": [0, 3, 1] },
+                { "type": "sphere", "center": [0, 1, 0], "radius": 20, "emission": { "radiance": 0.2, "two_sided": true } }
+            ] }),
+        ),
         ("a point", json!({ "lights": [{ "type": "point", "position": [0, 3, 1], "intensity": 9 }] })),
         ("a sky", json!({ "environment": { "type": "constant", "radiance": [0.5, 0.7, 1] } })),
         (
