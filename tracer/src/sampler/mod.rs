@@ -237,8 +237,15 @@ impl Stream {
     #[inline]
     #[must_use]
     pub fn split(&self, k: u32) -> Stream {
-        Stream { key: hash::mix(self.key ^ u64::from(k).wrapping_mul(0x9E37_79B9_7F4A_7C15)), ..*self }
+        Stream { key: split_key(self.key, k), ..*self }
     }
+}
+
+/// The key of [`Stream::split`].
+#[inline(always)]
+#[must_use]
+pub fn split_key(key: u64, k: u32) -> u64 {
+    hash::mix(key ^ u64::from(k).wrapping_mul(0x9E37_79B9_7F4A_7C15))
 }
 
 impl Stream {

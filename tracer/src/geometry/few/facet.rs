@@ -284,11 +284,10 @@ pub(super) fn held<const ANY: bool>(few: &Few, rays: &Rays, kept: &mut Kept, mas
             *block_mut(&mut masks.triangles[word], k) = *found;
         }
         *block_mut(&mut masks.sure, k) = block.sure;
-        let (mut others, ended): (_, [u32; LANES]) = (around(few, &block), block_of(rays.ended, k));
-        for l in 0..LANES {
-            others[l] &= !ended[l];
-        }
-        *block_mut(&mut masks.others, k) = others;
+        *block_mut(&mut masks.others, k) = around(few, &block);
+    }
+    for i in 0..covering(rays.n) {
+        masks.others[i] &= !rays.ended[i];
     }
 }
 

@@ -32,10 +32,7 @@ impl Integrator<'_> {
         for round in 0..rounds {
             if round > 0 {
                 // As one path would: further samples of one decision come from point sets of their own.
-                for i in lanes_of(gathers) {
-                    wave.key[i] = keys[i];
-                    (wave.key[i], _) = wave.stream(samplers, i).split(round).parts();
-                }
+                stages::split_keys(wave.proven, wave, &keys, round);
             }
             self.wave_direct_round(wave, samplers, round, gathers, counters);
             stages::sum_light(wave.proven, wave);

@@ -6,11 +6,11 @@ use crate::{
     camera::Camera,
     geometry::{Spared, spawn, spawn_to, surface::triangle_point},
     integrator::{dimension, power_heuristic},
-    lanes::{Flag, NO, YES, covering, stage},
+    lanes::{Flag, Lane, NO, YES, covering, stage},
     light::{Ball, FewBalls, Lamp, LampSample, Shard, of_child},
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
     microfacet::Ggx,
-    sampler::{Batches, COMPUTED, COMPUTED_FORKED, TABLED, TABLED_FORKED, plain_one, plain_two},
+    sampler::{Batches, COMPUTED, COMPUTED_FORKED, TABLED, TABLED_FORKED, plain_one, plain_two, split_key},
 };
 
 /// Square of the cosine below which an angle is too flat for a ray to spare itself any plane.
@@ -107,6 +107,15 @@ fn draw_one_by<const CODE: u32>(w: &mut Wave, which: u32, batches: Batches) {
     for i in 0..covering(w.n) {
         let forked = w.forked[i] == YES;
         w.u_one[i] = plain_one::<CODE>(w.key[i], w.index[i], forked, batches, dimension::at(w.depth[i], which));
+    }
+}
+
+stage! {
+    /// Further samples of one decision: as [`Stream::split`](crate::sampler::Stream::split) of the streams with `keys`.
+    pub(super) fn split_keys(w: &mut Wave, keys: &Lane<u64>, k: u32) {
+        for i in 0..covering(w.n) {
+            w.key[i] = split_key(keys[i], k);
+        }
     }
 }
 
