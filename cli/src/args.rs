@@ -9,7 +9,7 @@ use clap::{
 };
 use common::{
     job::{Frames, JobId, JobState, MAX_SAMPLES, check_resolution},
-    method::{Adaptive, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
+    method::{Adaptive, Aim, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
 };
 
 use crate::{
@@ -371,6 +371,9 @@ pub struct JobOptions {
     /// How points on area lights are chosen
     #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(LightSampling::ALL))]
     pub light_sampling: Option<LightSampling>,
+    /// Whether directions are aimed at mirrors and smooth glass
+    #[arg(long, value_name = "AT", help_heading = "Method", value_parser = choice(Aim::ALL))]
+    pub aim: Option<Aim>,
     /// Render a part of the light alone
     #[arg(long, value_name = "PART", help_heading = "Method", value_parser = choice(Only::ALL))]
     pub only: Option<Only>,

@@ -55,6 +55,7 @@ pub fn named(method: &Method, request: &JobRequest) -> JobRequest {
         light_samples: Some(method.light_samples),
         light_sampling: Some(method.light_sampling),
         splits: Some(method.splits),
+        aim: Some(method.aim),
         roulette: Some(method.roulette),
         ..request.method.clone()
     };

@@ -107,6 +107,7 @@ fn method(options: &JobOptions) -> MethodChoices {
         light_samples: options.light_samples,
         splits: options.splits,
         light_sampling: options.light_sampling.map(Some),
+        aim: options.aim,
         only: options.only.map(Some),
         fresnel: options.fresnel,
         sampler: options.sampler,

@@ -82,6 +82,16 @@ choice!(
 );
 
 choice!(
+    /// Which directions are drawn by more than the BSDF.
+    Aim {
+        /// None.
+        Off = "off",
+        /// Some are aimed at mirrors and smooth glass, where light was followed to come from.
+        Delta = "delta",
+    }
+);
+
+choice!(
     /// A part of the light transport, rendered alone.
     Only {
         /// Light that arrives from an emitter after exactly one scattering.
@@ -221,6 +231,9 @@ method! {
     splits: u32 = 1,
     /// How points on area lights are chosen; `None`: solid angle.
     light_sampling: Option<LightSampling> = None,
+    /// Whether directions are aimed at mirrors and smooth glass that send light on: caustics are found by more than chance
+    /// (after Jensen 1995 and 1996).
+    aim: Aim = Aim::Off,
     /// Render a part of the light transport alone.
     only: Option<Only> = None,
     /// Fresnel reflectance.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     job::Quality,
-    method::{Direct, LightPick, LightSampling, Method, MethodChoices, Roulette},
+    method::{Aim, Direct, LightPick, LightSampling, Method, MethodChoices, Roulette},
     tile::Rect,
 };
 
@@ -180,6 +180,9 @@ pub fn label(method: &Method, facts: &Facts) -> String {
     if method.splits > 1 {
         words.push(format!("splits={}", method.splits));
     }
+    if method.aim != Aim::Off {
+        words.push(format!("aim={}", method.aim));
+    }
     if method.roulette != Roulette::Throughput {
         words.push(method.roulette.name().to_owned());
     }
@@ -199,6 +202,8 @@ mod tests {
         assert_eq!(label(&mis, &many), "mis+tree+solid-angle");
         let other = Method { light_samples: 2, roulette: Roulette::Late, light_pick: Some(LightPick::Power), ..mis };
         assert_eq!(label(&other, &many), "mis+power+solid-angle+light-samples=2+late");
+        let aimed = Method { aim: Aim::Delta, ..other.clone() };
+        assert_eq!(label(&aimed, &many), "mis+power+solid-angle+light-samples=2+aim=delta+late");
         assert_eq!(label(&Method { direct: Direct::Bsdf, ..other }, &many), "bsdf+late");
     }
 

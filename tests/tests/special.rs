@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use common::{
-    method::{Direct, LightPick, MethodChoices},
+    method::{Aim, Direct, LightPick, MethodChoices},
     scene::SceneFile,
 };
 use tessera_tests::direct::{Picture, render_without, scene};
@@ -38,6 +38,7 @@ fn no_specialisation_changes_a_bit() {
     assert!(shipped.len() >= 15, "scenes are there: {}", shipped.len());
     let methods = [
         MethodChoices::default(),
+        MethodChoices { aim: Some(Aim::Delta), splits: Some(2), ..MethodChoices::default() },
         MethodChoices {
             direct: Some(Direct::Light),
             light_pick: Some(Some(LightPick::All)),
@@ -62,5 +63,5 @@ fn no_specialisation_changes_a_bit() {
             bright += usize::from(special.moments.iter().any(|pixel| pixel.luminance() > 0.0));
         }
     }
-    assert!(bright >= 2 * shipped.len() - 4, "pictures show something: {bright}");
+    assert!(bright >= 3 * shipped.len() - 6, "pictures show something: {bright}");
 }

@@ -4,6 +4,7 @@
 //! formats, or how many machines there are. A pixel's samples are a function of the scene, the settings,
 //! and the numbers of the samples, and nothing else.
 
+pub mod aim;
 pub mod bsdf;
 pub mod camera;
 pub mod fresnel;

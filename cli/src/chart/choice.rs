@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use clap::value_parser;
 use common::{
     job::{JobRequest, MAX_SAMPLES},
-    method::{Direct, LightPick, LightSampling, Method, MethodChoices, Roulette},
+    method::{Aim, Direct, LightPick, LightSampling, Method, MethodChoices, Roulette},
     plan::{Facts, LEAST_PIXELS, Trial, label},
 };
 use serde::Serialize;
@@ -167,6 +167,14 @@ fn row(args: &BenchAutoArgs, scene: &std::path::Path) -> Result<Row, Failure> {
         Ok(())
     };
     turn(&mut first, stages)?;
+    if facts.delta {
+        let mut aimed = Vec::new();
+        for (_, _, stage) in first.iter().take(SPLIT) {
+            let method = Method { aim: Aim::Delta, ..stage.method().clone() };
+            aimed.extend(stage.with_method(&method).map(|stage| (label(&method, &facts), stage)));
+        }
+        turn(&mut first, aimed)?;
+    }
     let mut split = Vec::new();
     for (_, _, stage) in first.iter().take(SPLIT) {
         for splits in SPLITS {

@@ -67,7 +67,8 @@ impl Integrator<'_> {
             return Rgb::ZERO;
         }
         let weight = if self.direct == Strategy::Mis && !light.delta {
-            power_heuristic(self.light_samples as f32 * light.pdf, splits as f32 * eval.pdf)
+            let pdf = shading.cones.as_ref().map_or(eval.pdf, |cones| cones.density(light.wi, eval.pdf));
+            power_heuristic(self.light_samples as f32 * light.pdf, splits as f32 * pdf)
         } else {
             1.0
         };

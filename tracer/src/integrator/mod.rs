@@ -21,15 +21,16 @@ mod wave;
 #[cfg(test)]
 mod tests;
 
-use common::method::{Direct, Method, Only, Roulette};
+use common::method::{Aim, Direct, Method, Only, Roulette};
 
 use crate::{
-    bsdf::Bsdf,
+    aim::Cones,
+    bsdf::{Bsdf, BsdfSample},
     geometry::{Counters, Hit, Ray, Spared, spawn},
     light::{Lamp, Reference},
     math::{Frame, Rgb, Vec2, Vec3, select},
     sampler::Stream,
-    scene::{NO_EMITTER, Point, Scene},
+    scene::{Aims, NO_EMITTER, Point, Scene},
     special::{Special, Without},
 };
 
@@ -58,6 +59,8 @@ pub struct Integrator<'a> {
     light_samples: u32,
     /// In how many ways a path goes on from its first vertex that is no delta.
     splits: u32,
+    /// What vertices aim at, if they do.
+    aims: Option<&'a Aims>,
     roulette: Roulette,
     /// Whether no hit has shading normals, textures, an instance or an opacity mask.
     plain: bool,
@@ -131,7 +134,8 @@ struct Walk {
     ray: Ray,
     radiance: Rgb,
     throughput: Rgb,
-    /// Product of (n_t / n_i)^2 over refractions: what radiance was compressed by, roulette must not see.
+    /// Product of (n_t / n_i)^2 over refractions: what radiance was compressed by, roulette must not see. Nor that directions
+    /// which are aimed carry less.
     eta2: f32,
     arrival: Arrival,
     depth: u32,
@@ -148,6 +152,17 @@ struct Shading {
     /// Whether `wo` is on the geometric front.
     front: bool,
     reference: Reference,
+    /// What is aimed at, if the material is no delta.
+    cones: Option<Cones>,
+}
+
+/// A direction to go on in.
+struct Drawn {
+    sample: BsdfSample,
+    /// The same in the world.
+    wi: Vec3,
+    /// Its density over that which the BSDF alone would give it.
+    denser: f32,
 }
 
 impl<'a> Integrator<'a> {
@@ -176,6 +191,7 @@ impl<'a> Integrator<'a> {
             },
             light_samples: method.light_samples,
             splits: method.splits.max(1),
+            aims: (method.aim == Aim::Delta).then(|| scene.aims()),
             roulette: method.roulette,
             plain: !facts.attributes() && !masks,
             masks,
@@ -336,17 +352,17 @@ impl<'a> Integrator<'a> {
         let u_lobe = stream.one(dimension::at(depth, dimension::LOBE));
         let u = stream.two(dimension::at(depth, dimension::DIRECTION));
         let black = || depth == 0 && !self.scene.facts().opacity && shading.bsdf.albedo() == Rgb::ZERO;
-        let Some(sample) = shading.bsdf.sample(shading.wo, u_lobe, u) else {
+        let drawn = draw(&shading.bsdf, shading.wo, &shading.frame, shading.cones.as_ref(), u_lobe, u);
+        let Some(Drawn { sample, wi, denser }) = drawn else {
             walk.known = black();
             return Err(End::Absorbed);
         };
-        let wi = shading.frame.to_world(sample.wi);
         let leaves_front = (wi.dot(shading.point.ng) > 0.0) != sample.transmission;
         if leaves_front != shading.front {
             return Err(End::Shading);
         }
         walk.throughput *= sample.weight;
-        walk.eta2 *= sample.eta * sample.eta;
+        walk.eta2 *= sample.eta * sample.eta * denser;
         if walk.throughput == Rgb::ZERO {
             walk.known = black();
             return Err(End::Absorbed);
@@ -448,8 +464,49 @@ impl<'a> Integrator<'a> {
             (false, true) => frame.n,
             (false, false) => -frame.n,
         };
-        Shading { wo: frame.to_local(to_eye), reference: Reference { p: point.p, n }, point, frame, bsdf, front }
+        let cones = self.aims.filter(|_| !bsdf.is_delta()).map(|aims| Cones::seen_from(aims.at(point.p), point.p, n));
+        let reference = Reference { p: point.p, n };
+        Shading { wo: frame.to_local(to_eye), reference, point, frame, bsdf, front, cones }
     }
+}
+
+/// A direction in which a path goes on from a surface with this BSDF: of what is drawn by the BSDF, and of what is aimed.
+/// `None`: the path ends.
+#[inline(always)]
+fn draw(bsdf: &Bsdf, wo: Vec3, frame: &Frame, cones: Option<&Cones>, u_lobe: f32, u: Vec2) -> Option<Drawn> {
+    let Some(cones) = cones else {
+        let sample = bsdf.sample(wo, u_lobe, u)?;
+        return Some(Drawn { sample, wi: frame.to_world(sample.wi), denser: 1.0 });
+    };
+    let (aimed, direction, u) = cones.choose(u);
+    let (mut sample, f_cos, wi) = if aimed {
+        let wi = frame.to_local(direction);
+        let eval = bsdf.evaluate(wo, wi);
+        if eval.f_cos == Rgb::ZERO {
+            return None;
+        }
+        let transmission = (wi.z > 0.0) != (wo.z > 0.0);
+        let sample = BsdfSample { wi, weight: Rgb::ZERO, pdf: eval.pdf, delta: false, transmission, eta: 1.0 };
+        (sample, eval.f_cos, direction)
+    } else {
+        let sample = bsdf.sample(wo, u_lobe, u)?;
+        (sample, sample.weight * sample.pdf, frame.to_world(sample.wi))
+    };
+    let density = cones.density(wi, sample.pdf);
+    // Densities of the sharpest lobes may leave what f32 holds.
+    let whole = density > 0.0 && density.is_finite() && f_cos.is_finite();
+    if aimed && !whole {
+        return None;
+    }
+    if sample.delta || !whole {
+        // Only the BSDF draws it.
+        let rest = cones.rest();
+        sample.weight /= rest;
+        return Some(Drawn { sample, wi, denser: rest });
+    }
+    let denser = select(sample.pdf > 0.0, density / sample.pdf, 1.0);
+    (sample.weight, sample.pdf) = (f_cos / density, density);
+    Some(Drawn { sample, wi, denser })
 }
 
 /// Weight of a sample of density `a` beside another way of density `b` (Veach 1995, exponent 2), by their

@@ -5,7 +5,7 @@ use std::path::Path;
 use common::{
     film::Moments,
     mesh::{Encoding, Picture},
-    method::{Direct, LightPick, LightSampling, Method, Only, Roulette, Sampler},
+    method::{Aim, Direct, LightPick, LightSampling, Method, Only, Roulette, Sampler},
     pass::{Work, batch_for},
     scene::SceneFile,
     tile::Rect,
@@ -157,7 +157,7 @@ fn a_white_furnace_has_no_variance() {
 fn methods_agree_with_each_other() {
     let scene = room();
     let reference = render(&scene, &Method::default(), samples(1024), 16);
-    let cases: [(&str, Method); 18] = [
+    let cases: [(&str, Method); 22] = [
         ("bsdf", with(|m| m.direct = Direct::Bsdf)),
         ("late roulette", with(|m| m.roulette = Roulette::Late)),
         ("hemisphere", with(|m| m.direct = Direct::Hemisphere)),
@@ -175,12 +175,68 @@ fn methods_agree_with_each_other() {
         ("fixed roulette", with(|m| m.roulette = Roulette::Fixed)),
         ("no roulette", with(|m| m.roulette = Roulette::Off)),
         ("stratified points", with(|m| m.sampler = Sampler::Stratified)),
+        ("aimed", with(|m| m.aim = Aim::Delta)),
+        ("aimed, bsdf", with(|m| (m.aim, m.direct) = (Aim::Delta, Direct::Bsdf))),
+        ("aimed, light, four ways", with(|m| (m.aim, m.direct, m.splits) = (Aim::Delta, Direct::Light, 4))),
+        ("aimed, hemisphere", with(|m| (m.aim, m.direct) = (Aim::Delta, Direct::Hemisphere))),
         ("independent points", with(|m| m.sampler = Sampler::Independent)),
     ];
     for (name, method) in cases {
         let image = render(&scene, &method, samples(512), 16);
         assert_eq!(image.statistics.rejected, 0, "{name}");
         assert_agree(&image, &reference, 4.5, name);
+    }
+}
+
+/// A mirror throws a small lamp's image at a ceiling: light of closed form, which chance alone seldom finds.
+#[test]
+fn caustics_are_aimed_at_without_bias() {
+    let caustic = |radius: f64| {
+        scene(json!({
+            "camera": { "type": "orthographic", "height": 1e-3, "position": [0.5, 1, 0], "target": [0.5, 4, 0], "up": [0, 0, 1] },
+            "materials": {
+                "mirror": { "type": "mirror", "reflectance": 0.8 }, "wall": { "type": "diffuse", "reflectance": 0.5 },
+                "black": { "type": "diffuse", "reflectance": 0 }
+            },
+            "shapes": [
+                { "type": "quad", "material": "mirror", "vertices": [[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]] },
+                { "type": "disk", "material": "black", "center": [0, 2, 0], "normal": [0, -1, 0], "radius": radius,
+                  "emission": { "radiance": 40 } },
+                { "type": "quad", "material": "wall", "vertices": [[-4, 4, -4], [4, 4, -4], [4, 4, 4], [-4, 4, 4]] }
+            ]
+        }))
+    };
+    let radius = 0.1;
+    // The ceiling sees the disk's image, 6 below it and 0.5 aside: rho / pi x 0.8 L x area cos^2 / d^2 with d^2 = 36.25.
+    let expected = 0.5 * 0.8 * 40.0 * radius * radius * 36.0 / (36.25 * 36.25);
+    let scene = caustic(radius);
+    let image = |aim, direct, splits| {
+        let method = with(|m| (m.aim, m.direct, m.splits, m.max_depth) = (aim, direct, splits, 3));
+        render(&scene, &method, samples(4096), 16).mean_and_error()
+    };
+    for (direct, splits) in [(Direct::Mis, 1), (Direct::Bsdf, 1), (Direct::Light, 1), (Direct::Mis, 4)] {
+        let ((mean, error), (_, chance)) = (image(Aim::Delta, direct, splits), image(Aim::Off, direct, splits));
+        assert!((mean - expected).abs() <= 4.5 * error + 2e-3 * expected, "{direct}: {mean} ± {error}, not {expected}");
+        assert!(error < 0.02 * expected && error < 0.25 * chance, "{direct}: {error} against {chance} by chance");
+    }
+}
+
+/// With nothing but a sky of 1 whatever reflects all light is 1 to look at, mirrors and glass too.
+#[test]
+fn a_white_furnace_stays_white_where_directions_are_aimed() {
+    let ball =
+        |material: &str, x: f64| json!({ "type": "sphere", "material": material, "center": [x, 0, 0], "radius": 0.9 });
+    let scene = scene(json!({
+        "camera": { "position": [0, 2, 6], "target": [0, 0, 0], "fov": 60 },
+        "materials": { "mirror": { "type": "mirror" }, "glass": { "type": "dielectric" },
+                       "white": { "type": "diffuse", "reflectance": 1 } },
+        "shapes": [ball("mirror", -2.0), ball("white", 0.0), ball("glass", 2.0)],
+        "environment": { "type": "constant", "radiance": 1 }
+    }));
+    for splits in [1, 4] {
+        let method = with(|m| (m.aim, m.splits, m.max_depth) = (Aim::Delta, splits, 200));
+        let (mean, error) = render(&scene, &method, samples(1024), 16).mean_and_error();
+        assert!((mean - 1.0).abs() < 4.5 * error + 1e-4 && error < 2e-3, "{mean} ± {error}");
     }
 }
 

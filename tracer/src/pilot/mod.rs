@@ -59,6 +59,10 @@ const GAIN: f64 = 0.02;
 const SIGNIFICANCE: f64 = 0.5;
 /// Without that, what is found by chance once in a while hardly shows in a trial.
 const SIGNIFICANCE_WITHOUT_MIS: f64 = 1.0;
+/// What is aimed at mirrors and glass must be better by this much and by so many standard errors: what it is for is found by chance
+/// once in a while without it, and it makes each sample dearer for sure.
+const GAIN_OF_AIM: f64 = 0.1;
+const SIGNIFICANCE_OF_AIM: f64 = 1.0;
 /// Going on in several ways must be better by so many squares of the standard error more: three seeds in eight of Veach's plates,
 /// where two pixels in a hundred make up most of the variance, would choose it wrongly otherwise.
 const SKEW: f64 = 3.0;
@@ -201,10 +205,14 @@ impl<'a> Pilot<'a> {
                 // A sky of one colour hides nothing from chance.
                 let plain_sky = !facts.area_lights && !self.prepared.scene().lights().has_picture();
                 let leaves_mis = best.method.direct == Direct::Mis && tried.method.direct != Direct::Mis && !plain_sky;
-                let significance = if leaves_mis { SIGNIFICANCE_WITHOUT_MIS } else { SIGNIFICANCE };
+                let (least, significance) = if tried.method.aim != best.method.aim {
+                    (GAIN_OF_AIM, SIGNIFICANCE_OF_AIM)
+                } else {
+                    (GAIN, if leaves_mis { SIGNIFICANCE_WITHOUT_MIS } else { SIGNIFICANCE })
+                };
                 // The wider the spread, the fewer pixels decide, and the more it is by their chance that ways look better.
                 let few_decide = if ways { SKEW * gain.error * gain.error } else { 0.0 };
-                if gain.log > GAIN && gain.log > significance * gain.error + few_decide {
+                if gain.log > least && gain.log > significance * gain.error + few_decide {
                     best = tried;
                 } else if question.climbs {
                     break;

@@ -2,7 +2,7 @@
 
 use common::{
     job::Quality,
-    method::{Direct, LightPick, LightSampling, Method, Roulette},
+    method::{Aim, Direct, LightPick, LightSampling, Method, Roulette},
     plan::{Facts, RuledOut, Trial},
 };
 
@@ -75,6 +75,10 @@ pub(super) fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Que
     if named.light_sampling.is_none() && facts.area_lights {
         all.push(Question::of(1.0, vec![Box::new(|m| m.light_sampling = Some(LightSampling::Area))]));
     }
+    if named.aim.is_none() && first.max_depth > 1 && unaimed(facts).is_none() {
+        // Before the others: what is found by chance once in a while would decide them.
+        all.insert(0, Question::of(1.0, vec![Box::new(|m| m.aim = Aim::Delta)]));
+    }
     if counted(trial) {
         return all;
     }
@@ -87,6 +91,17 @@ pub(super) fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Que
         all.push(Question::of(3.5, vec![Box::new(|m| m.splits = 4)]));
     }
     all
+}
+
+/// Why nothing is aimed at mirrors and smooth glass, if that is so.
+fn unaimed(facts: &Facts) -> Option<&'static str> {
+    if !facts.delta {
+        Some("no mirror or smooth glass sends light on")
+    } else if !facts.light_can_be_hit() {
+        Some("no ray can hit a light")
+    } else {
+        None
+    }
 }
 
 /// Whether a number of samples is asked for.
@@ -130,6 +145,11 @@ pub fn ruled_out(facts: &Facts, trial: &Trial) -> Vec<RuledOut> {
         add("stratified", "the points of a batch are stratified over a light as they are");
     } else {
         add("area, stratified, solid-angle", "no light has a surface");
+    }
+    if named.aim.is_some() {
+        add("aim", "it is named");
+    } else if let Some(why) = unaimed(facts) {
+        add("aim=delta", why);
     }
     if counted(trial) {
         add("light-samples and splits above 1", "a number of samples is asked for, and they would make each dearer");

@@ -2,8 +2,9 @@
 
 use common::{
     job::Quality,
-    method::{LightPick, LightSampling, MethodChoices, Roulette},
+    method::{Aim, LightPick, LightSampling, MethodChoices, Roulette},
     pass::Work,
+    plan::Facts,
     scene::SceneFile,
     tile::Rect,
 };
@@ -195,4 +196,32 @@ fn what_ways_bring_is_the_same_of_many_paths_and_of_one() {
         assert_eq!((one.mean, one.variance, one.among_ways), (other.mean, other.variance, other.among_ways));
     }
     assert!(waves[0].among_ways > 0.0 && waves[3].among_ways == 0.0, "floor and black sky");
+}
+
+#[test]
+fn caustics_are_aimed_at_where_there_are_any() {
+    // A mirror on the floor throws the lamp's image at a wall that the lamp itself does not light.
+    let caustic = scene(json!({
+        "materials": { "mirror": { "type": "mirror" }, "black": { "type": "diffuse", "reflectance": 0 } },
+        "shapes": [
+            { "type": "disk", "material": "mirror", "center": [-1.5, 0.05, 0], "normal": [0, 1, 0], "radius": 1 },
+            { "type": "disk", "material": "black", "center": [-1.5, 2, 0], "normal": [0, -1, 0], "radius": 0.5, "emission": 40 },
+            { "type": "quad", "vertices": [[-3, 2, -3], [3, 2, -3], [3, 5, -3], [-3, 5, -3]] }
+        ]
+    }));
+    let found = plan(&caustic);
+    assert_eq!(found.method.aim, Aim::Delta, "{found:?}");
+    let named = plan_for(&caustic, &Method::default(), MethodChoices { aim: Some(Aim::Off), ..Default::default() });
+    assert!(named.considered.iter().all(|tried| !tried.name.contains("aim")), "{named:?}");
+    let without = plan(&small_lamp());
+    assert!(without.considered.iter().all(|tried| !tried.name.contains("aim")), "{without:?}");
+    let trial = |named| Trial { region: Rect::frame(128, 128), named, quality: None };
+    let why = |facts: &Facts, named| {
+        let all = ruled_out(facts, &trial(named));
+        all.iter().find(|one| one.what.starts_with("aim")).map(|one| one.why.clone())
+    };
+    assert_eq!(why(&found.facts, MethodChoices::default()), None);
+    assert!(why(&without.facts, MethodChoices::default()).unwrap().contains("mirror"));
+    let named = MethodChoices { aim: Some(Aim::Off), ..MethodChoices::default() };
+    assert!(why(&found.facts, named).unwrap().contains("named"));
 }

@@ -3,7 +3,7 @@
 use common::{
     adaptive,
     job::Quality,
-    method::{LightPick, LightSampling, Method},
+    method::{Aim, LightPick, LightSampling, Method},
     plan::Trial,
 };
 
@@ -23,6 +23,12 @@ pub(super) fn work(counters: &Counters, samples: u64, integrator: &Integrator, s
     };
     // Paths that go on in several ways wait for lanes, and draw from larger sets of points.
     let ray = if method.splits > 1 { ray + 38.0 } else { ray };
+    // What there is to aim at is looked up, and weighed for each direction; rough metals are asked one by one.
+    let vertex = match (method.aim, scene.has_facets()) {
+        (Aim::Off, _) => vertex,
+        (Aim::Delta, false) => vertex + 20.0,
+        (Aim::Delta, true) => vertex + 45.0,
+    };
     samples as f64 * sample
         + counters.vertices as f64 * vertex
         + counters.light_samples as f64 * light_sample(scene, method, integrator.has_wave())

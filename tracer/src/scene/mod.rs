@@ -5,13 +5,14 @@
 //! acceleration structure. Transforms are applied in f64 and rounded to f32 once. This module knows
 //! nothing of paths or samples.
 
+mod aims;
 mod compile;
 mod mesh;
 mod record;
 mod surface;
 mod values;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use common::method::{self, Direct, Method};
 
@@ -24,6 +25,7 @@ use crate::{
     special::{Special, Without},
 };
 
+pub(crate) use aims::Aims;
 pub use common::plan::Facts;
 pub use record::Record;
 use surface::Surface;
@@ -50,6 +52,9 @@ pub struct Scene {
     /// And of each emitter there that is a sphere, its bit in [`Rays::ended`](crate::geometry::Rays); other emitters have
     /// none, and the last ones may be missing.
     rounds: Arc<[u32]>,
+    /// Surfaces with deltas; and what vertices aim at, once a method has asked for it.
+    objects: Arc<aims::Objects>,
+    aims: Arc<OnceLock<Aims>>,
     without: Without,
 }
 
@@ -124,11 +129,12 @@ impl Draft {
         if leaves(Special::Facets) {
             parts.flats.iter_mut().for_each(|flat| flat.facets = None);
         }
+        let objects = Arc::new(aims::Objects::of(&self.world, &parts));
         let accel = Accel::build_with(self.world, self.options);
         let records = record::of(&accel, &parts);
         let rounds = record::rounds(&accel, &records).into();
         let (accel, parts, records) = (Arc::new(accel), Arc::new(parts), records.into());
-        Scene { accel, parts, lights: self.lights, records, rounds, without }
+        Scene { accel, parts, lights: self.lights, records, rounds, objects, aims: Arc::default(), without }
     }
 }
 
@@ -175,6 +181,8 @@ impl Scene {
             lights: self.lights.with_method(method),
             records: Arc::clone(&self.records),
             rounds: Arc::clone(&self.rounds),
+            objects: Arc::clone(&self.objects),
+            aims: Arc::clone(&self.aims),
             without: self.without,
         })
     }
@@ -190,6 +198,8 @@ impl Scene {
             lights: self.lights.clone(),
             records: Arc::clone(&self.records),
             rounds: Arc::clone(&self.rounds),
+            objects: Arc::clone(&self.objects),
+            aims: Arc::clone(&self.aims),
             without,
         })
     }
@@ -217,6 +227,11 @@ impl Scene {
     #[must_use]
     pub fn has_facets(&self) -> bool {
         self.parts.flats.iter().any(|flat| flat.facets.is_some())
+    }
+
+    /// What vertices aim at.
+    pub(crate) fn aims(&self) -> &Aims {
+        self.aims.get_or_init(|| Aims::of(self))
     }
 
     /// Where the surfaces are.

@@ -184,7 +184,11 @@ impl Integrator<'_> {
         if bsdf.is_delta() {
             return;
         }
-        self.wave_brings(wave, i, bsdf.evaluate(wo, wi));
+        let mut eval = bsdf.evaluate(wo, wi);
+        if wave.aims {
+            eval.pdf = wave.aim.cones(i).density(light_wi, eval.pdf);
+        }
+        self.wave_brings(wave, i, eval);
     }
 
     /// What a light sample brings by way of a BSDF with these values.

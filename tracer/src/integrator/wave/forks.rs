@@ -36,8 +36,9 @@ pub(super) struct Fork {
 }
 
 impl Wave {
-    /// Let paths whose surface is no delta go on in `n` ways, as lanes come free.
-    pub(super) fn fork(&mut self, n: u32) {
+    /// Let paths whose surface is no delta go on in `n` ways, as lanes come free. A bit for each lane that got one.
+    pub(super) fn fork(&mut self, n: u32) -> u64 {
+        let mut placed = 0;
         for i in lanes_of(self.active()) {
             if self.forked[i] == YES || self.scatters[i] == Scatters::Delta {
                 continue;
@@ -55,6 +56,7 @@ impl Wave {
         {
             for i in lanes_of(self.idle).take((n - fork.taken) as usize) {
                 self.idle &= !(1 << i);
+                placed |= 1 << i;
                 self.go_on(i, &fork, n);
                 fork.taken += 1;
             }
@@ -62,6 +64,7 @@ impl Wave {
                 self.forks.push(fork);
             }
         }
+        placed
     }
 
     /// Add up the ways of each path, in order.

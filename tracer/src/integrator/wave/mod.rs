@@ -8,6 +8,7 @@
 //! code; other materials and lights take part one path at a time. It serves scenes without attributes
 //! and opacity masks; there is no probe.
 
+mod aims;
 mod direct;
 mod forks;
 mod scatter;
@@ -137,6 +138,7 @@ impl Integrator<'_> {
         let samplers = Samplers { whole: sampler, forked: &forked, batches: Batches::new(sampler, self.splits) };
         wave.plain_points = sampler.is_plain() && !self.without.leaves(Special::Points);
         wave.run_without(self.without);
+        wave.aims = self.aims.is_some();
         let mut next = 0;
         loop {
             if wave.forks.is_empty() {
@@ -157,11 +159,13 @@ impl Integrator<'_> {
                 }
             }
             counters.vertices += u64::from(wave.active().count_ones());
+            self.wave_aim(wave, wave.active());
             if self.direct.samples_lights() && !self.scene.lights().is_dark() {
                 self.wave_direct(wave, &samplers, counters);
             }
             if self.splits > 1 {
-                wave.fork(self.splits);
+                let placed = wave.fork(self.splits);
+                self.wave_aim(wave, placed);
             }
             self.wave_scatter(wave, &samplers);
         }

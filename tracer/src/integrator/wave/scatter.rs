@@ -3,7 +3,7 @@
 use super::{Came, Samplers, Scatters, Wave, stages};
 use crate::{
     integrator::{
-        Integrator, Strategy, dimension,
+        Drawn, Integrator, Strategy, dimension, draw,
         roulette::{FIRST, survival, weight_window},
     },
     lanes::{YES, lanes_of, mask_of},
@@ -69,10 +69,11 @@ impl Integrator<'_> {
         let bsdf = self.wave_material(wave, i).bsdf(Vec2::ZERO);
         let u_lobe = wave.u_one[i];
         let u = Vec2::new(wave.u[0][i], wave.u[1][i]);
-        let Some(sample) = bsdf.sample(wave.wo.at(i), u_lobe, u) else {
+        let cones = (wave.aims && !bsdf.is_delta()).then(|| wave.aim.cones(i));
+        let drawn = draw(&bsdf, wave.wo.at(i), &wave.frame(i), cones.as_ref(), u_lobe, u);
+        let Some(Drawn { sample, wi, denser }) = drawn else {
             return wave.end(i, depth == 0 && bsdf.albedo() == Rgb::ZERO);
         };
-        let wi = wave.frame(i).to_world(sample.wi);
         let leaves_front = (wi.dot(wave.ng.at(i)) > 0.0) != sample.transmission;
         if leaves_front != (wave.front[i] == YES) {
             return wave.end(i, false);
@@ -80,7 +81,7 @@ impl Integrator<'_> {
         wave.wi.set(i, wi);
         let throughput = wave.throughput.at(i) * sample.weight;
         wave.throughput.set(i, throughput);
-        wave.eta2[i] *= sample.eta * sample.eta;
+        wave.eta2[i] *= sample.eta * sample.eta * denser;
         if throughput == Rgb::ZERO {
             return wave.end(i, depth == 0 && bsdf.albedo() == Rgb::ZERO);
         }

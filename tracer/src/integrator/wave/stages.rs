@@ -267,24 +267,35 @@ stage! {
 stage! {
     /// What light samples bring by way of Lambert's law; a hit takes `light_samples` of each light that it samples.
     pub(super) fn direct_diffuse(w: &mut Wave, mis: bool, light_samples: f32) {
-        for i in 0..covering(w.n) {
-            let diffuse = w.scatters[i] as u32 == Scatters::Diffuse as u32;
-            let frame = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: w.ng.at(i) };
-            let (light_wi, wo_z) = (w.wi.at(i), w.wo.at(i).z);
-            let wi = frame.to_local(light_wi);
-            let transmission = (wi.z > 0.0) != (wo_z > 0.0);
-            let passes = (light_wi.dot(frame.n) > 0.0) != (w.front[i] == YES);
-            let above = (wo_z > 0.0) & (wi.z > 0.0) | (w.two_sided[i] == YES) & (wo_z < 0.0) & (wi.z < 0.0);
-            let scatter_pdf = wi.z.abs() * INV_PI;
-            let f_cos = w.reflectance.at(i) * scatter_pdf;
-            let (signed, pdf) = (w.light_pdf[i], w.light_pdf[i].abs());
-            let weight = select(mis & (signed > 0.0), power_heuristic(light_samples * pdf, w.ways[i] * scatter_pdf), 1.0);
-            let brings = f_cos * w.light_radiance.at(i) * (weight / pdf);
-            let some = (brings.x != 0.0) | (brings.y != 0.0) | (brings.z != 0.0);
-            let lit = (w.gathers[i] & w.lit[i] == YES) & (!diffuse | (transmission == passes) & above & some);
-            w.lit[i] = Flag::from(lit);
-            w.brings.set(i, brings);
+        if w.aims {
+            direct_diffuse_by::<true>(w, mis, light_samples);
+        } else {
+            direct_diffuse_by::<false>(w, mis, light_samples);
         }
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "a lane of several arrays")]
+fn direct_diffuse_by<const AIMED: bool>(w: &mut Wave, mis: bool, light_samples: f32) {
+    for i in 0..covering(w.n) {
+        let diffuse = w.scatters[i] as u32 == Scatters::Diffuse as u32;
+        let frame = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: w.ng.at(i) };
+        let (light_wi, wo_z) = (w.wi.at(i), w.wo.at(i).z);
+        let wi = frame.to_local(light_wi);
+        let transmission = (wi.z > 0.0) != (wo_z > 0.0);
+        let passes = (light_wi.dot(frame.n) > 0.0) != (w.front[i] == YES);
+        let above = (wo_z > 0.0) & (wi.z > 0.0) | (w.two_sided[i] == YES) & (wo_z < 0.0) & (wi.z < 0.0);
+        let scatter_pdf = wi.z.abs() * INV_PI;
+        let f_cos = w.reflectance.at(i) * scatter_pdf;
+        let scatter_pdf = if AIMED { w.aim.cones(i).density(light_wi, scatter_pdf) } else { scatter_pdf };
+        let (signed, pdf) = (w.light_pdf[i], w.light_pdf[i].abs());
+        let weight = select(mis & (signed > 0.0), power_heuristic(light_samples * pdf, w.ways[i] * scatter_pdf), 1.0);
+        let brings = f_cos * w.light_radiance.at(i) * (weight / pdf);
+        let some = (brings.x != 0.0) | (brings.y != 0.0) | (brings.z != 0.0);
+        let lit = (w.gathers[i] & w.lit[i] == YES) & (!diffuse | (transmission == passes) & above & some);
+        w.lit[i] = Flag::from(lit);
+        w.brings.set(i, brings);
     }
 }
 
@@ -350,27 +361,52 @@ stage! {
     /// A direction by Lambert's law for each path. Lanes of other materials are left alone. A path whose scatterings
     /// would be `last` ends.
     pub(super) fn scatter_diffuse(w: &mut Wave, came: Came, last: u32) {
-        for i in 0..covering(w.n) {
-            let diffuse = (w.scatters[i] as u32 == Scatters::Diffuse as u32) & (w.alive[i] == YES);
-            let wo_z = w.wo.at(i).z;
-            let back = wo_z < 0.0;
-            let scatters = (wo_z > 0.0) | back & (w.two_sided[i] == YES);
-            let mut local = cosine_hemisphere(Vec2::new(w.u[0][i], w.u[1][i]));
+        if w.aims {
+            scatter_diffuse_by::<true>(w, came, last);
+        } else {
+            scatter_diffuse_by::<false>(w, came, last);
+        }
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "a lane of several arrays")]
+fn scatter_diffuse_by<const AIMED: bool>(w: &mut Wave, came: Came, last: u32) {
+    for i in 0..covering(w.n) {
+        let diffuse = (w.scatters[i] as u32 == Scatters::Diffuse as u32) & (w.alive[i] == YES);
+        let wo_z = w.wo.at(i).z;
+        let back = wo_z < 0.0;
+        let scatters = (wo_z > 0.0) | back & (w.two_sided[i] == YES);
+        let ng = w.ng.at(i);
+        let frame = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: ng };
+        let (u, reflectance, throughput) = (Vec2::new(w.u[0][i], w.u[1][i]), w.reflectance.at(i), w.throughput.at(i));
+        let (wi, pdf, weight) = if AIMED {
+            let cones = w.aim.cones(i);
+            let (aimed, direction, u) = cones.choose(u);
+            let mut local = cosine_hemisphere(u);
+            let above = select(aimed, select(back, -1.0, 1.0) * frame.to_local(direction).z, local.z);
+            local.z = select(back, -local.z, local.z);
+            let wi = select3(aimed, direction, frame.to_world(local));
+            let (scatter_pdf, some) = (above * INV_PI, above > 0.0);
+            let pdf = cones.density(wi, scatter_pdf);
+            let weight = select3(some, reflectance * scatter_pdf / pdf, Rgb::ZERO);
+            w.eta2[i] *= select(diffuse & some, pdf / scatter_pdf, 1.0);
+            (wi, w.ways[i] * pdf, weight)
+        } else {
+            let mut local = cosine_hemisphere(u);
             let pdf = w.ways[i] * (local.z * INV_PI);
             local.z = select(back, -local.z, local.z);
-            let ng = w.ng.at(i);
-            let wi = Frame { t: w.tangent.at(i), b: w.bitangent.at(i), n: ng }.to_world(local);
-            let agrees = (wi.dot(ng) > 0.0) == (w.front[i] == YES);
-            let throughput = w.throughput.at(i);
-            let scattered = throughput * w.reflectance.at(i);
-            let nothing = (scattered.x == 0.0) & (scattered.y == 0.0) & (scattered.z == 0.0);
-            let ended = diffuse & !(scatters & agrees & !nothing & (w.depth[i] + 1 != last));
-            w.wi.set(i, wi);
-            w.throughput.set(i, select3(diffuse, scattered, throughput));
-            w.pdf[i] = select(diffuse, pdf, w.pdf[i]);
-            w.ended[i] = Flag::from(ended);
-            w.came[i] = came;
-        }
+            (frame.to_world(local), pdf, reflectance)
+        };
+        let agrees = (wi.dot(ng) > 0.0) == (w.front[i] == YES);
+        let scattered = throughput * weight;
+        let nothing = (scattered.x == 0.0) & (scattered.y == 0.0) & (scattered.z == 0.0);
+        let ended = diffuse & !(scatters & agrees & !nothing & (w.depth[i] + 1 != last));
+        w.wi.set(i, wi);
+        w.throughput.set(i, select3(diffuse, scattered, throughput));
+        w.pdf[i] = select(diffuse, pdf, w.pdf[i]);
+        w.ended[i] = Flag::from(ended);
+        w.came[i] = came;
     }
 }
 

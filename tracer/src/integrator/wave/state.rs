@@ -1,6 +1,6 @@
 //! What is known of the paths of a wave.
 
-use super::{FirstHit, Samplers, Traced, forks::Fork, stages};
+use super::{FirstHit, Samplers, Traced, aims::AimLanes, forks::Fork, stages};
 use crate::{
     geometry::{FewRays, Found, Ray, Spared},
     integrator::{Arrival, Sample, dimension},
@@ -149,6 +149,9 @@ pub struct Wave {
     /// Whether its path was forked; and what came of each way.
     pub(super) splits: Vec<bool>,
     pub(super) branches: Vec<Sample>,
+    /// What is aimed at, where that is asked for.
+    pub(super) aims: bool,
+    pub(super) aim: AimLanes,
 }
 
 /// Paths about to begin, in the first lanes.
@@ -269,6 +272,8 @@ impl Wave {
             firsts: Vec::new(),
             splits: Vec::new(),
             branches: Vec::new(),
+            aims: false,
+            aim: AimLanes::NONE,
         }))
     }
 
@@ -382,7 +387,9 @@ impl Wave {
         self.surface[i] = record.surface;
         self.emitters |= u64::from(record.emitter != NO_EMITTER) << i;
         self.others |= u64::from(record.diffuse.is_none()) << i;
-        self.scatters[i] = match (record.diffuse, record.facets, record.delta) {
+        // The stages of rough metal know nothing of aims.
+        let facets = record.facets.filter(|_| !self.aims);
+        self.scatters[i] = match (record.diffuse, facets, record.delta) {
             (Some(_), ..) => Scatters::Diffuse,
             (None, Some(_), _) => Scatters::Facets,
             (None, None, true) => Scatters::Delta,

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use common::{
-    method::{Direct, LightPick, LightSampling, Method, Only, Roulette, Sampler as Kind},
+    method::{Aim, Direct, LightPick, LightSampling, Method, Only, Roulette, Sampler as Kind},
     scene::SceneFile,
 };
 use serde_json::json;
@@ -188,6 +188,10 @@ fn every_sample_has_the_bits_of_one_path_alone() {
     add("two ways after one bounce", &|m| (m.splits, m.max_depth, m.direct) = (2, 2, Direct::Light));
     add("eight ways, bsdf", &|m| (m.splits, m.direct) = (8, Direct::Bsdf));
     add("four ways, stratified", &|m| (m.splits, m.sampler) = (4, Kind::Stratified));
+    add("aimed", &|m| m.aim = Aim::Delta);
+    add("aimed, four ways", &|m| (m.aim, m.splits, m.roulette) = (Aim::Delta, 4, Roulette::Late));
+    add("aimed, light alone", &|m| (m.aim, m.direct, m.max_depth) = (Aim::Delta, Direct::Light, 3));
+    add("aimed, bsdf", &|m| (m.aim, m.direct, m.splits) = (Aim::Delta, Direct::Bsdf, 2));
     add("late roulette", &|m| m.roulette = Roulette::Late);
     add("direct", &|m| m.only = Some(Only::Direct));
     add("indirect", &|m| m.only = Some(Only::Indirect));
