@@ -9,7 +9,9 @@ use clap::{
 };
 use common::{
     job::{Frames, JobId, JobState, MAX_SAMPLES, check_resolution},
-    method::{Adaptive, Aim, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest},
+    method::{
+        Adaptive, Aim, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Reuse, Roulette, Sampler, TriangleTest,
+    },
 };
 
 use crate::{
@@ -368,6 +370,9 @@ pub struct JobOptions {
     /// Ways a path goes on from its first surface that is no mirror: a power of two
     #[arg(long, value_name = "N", help_heading = "Method", value_parser = value_parser!(u32).range(1..=64))]
     pub splits: Option<u32>,
+    /// What neighbouring pixels share of their paths
+    #[arg(long, value_name = "WHAT", help_heading = "Method", value_parser = choice(Reuse::ALL))]
+    pub reuse: Option<Reuse>,
     /// How points on area lights are chosen
     #[arg(long, value_name = "HOW", help_heading = "Method", value_parser = choice(LightSampling::ALL))]
     pub light_sampling: Option<LightSampling>,

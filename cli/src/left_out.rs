@@ -55,6 +55,7 @@ pub fn named(method: &Method, request: &JobRequest) -> JobRequest {
         light_samples: Some(method.light_samples),
         light_sampling: Some(method.light_sampling),
         splits: Some(method.splits),
+        reuse: Some(method.reuse),
         aim: Some(method.aim),
         roulette: Some(method.roulette),
         ..request.method.clone()
@@ -131,7 +132,9 @@ fn seconds(prepared: &Prepared, settings: &RenderSettings, stride: u32) -> f64 {
     let unit = Unit { id, work: Work::Uniform { first: 0, samples: SAMPLES }, features: false };
     let render = UnitRender::new(prepared, settings, &unit);
     let before = thread_seconds();
-    for row in (0..h).skip((stride / 2) as usize).step_by(stride as usize) {
+    // A row may stand for several of the picture.
+    let stride = (stride * render.rows()).div_ceil(h).max(1);
+    for row in (0..render.rows()).skip((stride / 2) as usize).step_by(stride as usize) {
         std::hint::black_box(render.row(row));
     }
     thread_seconds() - before

@@ -106,6 +106,7 @@ fn method(options: &JobOptions) -> MethodChoices {
         light_pick: options.light_pick.map(Some),
         light_samples: options.light_samples,
         splits: options.splits,
+        reuse: options.reuse,
         light_sampling: options.light_sampling.map(Some),
         aim: options.aim,
         only: options.only.map(Some),

@@ -413,7 +413,7 @@ fn a_method_left_open_is_chosen_once_reported_and_has_the_bytes_of_the_same_meth
     assert!(plan["considered"].as_array().unwrap().len() > 2, "{plan}");
     assert_eq!(plan["facts"]["delta"], false);
     let method = &plan["method"];
-    let named: Vec<String> = ["direct", "light_sampling", "light_samples", "splits", "aim", "roulette"]
+    let named: Vec<String> = ["direct", "light_sampling", "light_samples", "splits", "reuse", "aim", "roulette"]
         .iter()
         .map(|name| {
             let value = &method[name];

@@ -82,6 +82,16 @@ choice!(
 );
 
 choice!(
+    /// What neighbouring pixels share of their paths (Bekaert, Sbert and Halton 2002).
+    Reuse {
+        /// Nothing: every pixel's error is its own.
+        Off = "off",
+        /// What is found from the second surface on, among sixteen pixels, where both surfaces follow Lambert's law.
+        Paths = "paths",
+    }
+);
+
+choice!(
     /// Which directions are drawn by more than the BSDF.
     Aim {
         /// None.
@@ -229,6 +239,8 @@ method! {
     /// In how many ways a path goes on from its first surface that is no mirror or smooth glass: a power of two, 1 to
     /// 64 (splitting: Arvo and Kirk 1990).
     splits: u32 = 1,
+    /// Whether neighbouring pixels share the paths that go on from what each of them sees.
+    reuse: Reuse = Reuse::Off,
     /// How points on area lights are chosen; `None`: solid angle.
     light_sampling: Option<LightSampling> = None,
     /// Whether directions are aimed at mirrors and smooth glass that send light on: caustics are found by more than chance
@@ -285,6 +297,11 @@ impl Method {
             format!("{} is not a power of two within 1 to 64", self.splits),
         )?;
         check(
+            self.reuse == Reuse::Off || self.aim == Aim::Off,
+            "reuse",
+            format!("\"{}\" does not go with aim \"{}\"", self.reuse, self.aim),
+        )?;
+        check(
             (2..=65_536).contains(&self.adaptive_batch),
             "adaptive_batch",
             format!("{} is not within 2 to 65536", self.adaptive_batch),
@@ -328,6 +345,8 @@ mod tests {
         for splits in [0, 3, 128] {
             assert_eq!(Method { splits, ..Method::default() }.validate().unwrap_err().field, "splits");
         }
+        let bad = Method { reuse: Reuse::Paths, aim: Aim::Delta, ..Method::default() };
+        assert_eq!(bad.validate().unwrap_err().to_string(), r#"reuse: "paths" does not go with aim "delta""#);
         let bad = Method { adaptive_tolerance: f64::NAN, ..Method::default() };
         assert_eq!(bad.validate().unwrap_err().field, "adaptive_tolerance");
     }

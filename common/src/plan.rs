@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     job::Quality,
-    method::{Aim, Direct, LightPick, LightSampling, Method, MethodChoices, Roulette},
+    method::{Aim, Direct, LightPick, LightSampling, Method, MethodChoices, Reuse, Roulette},
     tile::Rect,
 };
 
@@ -179,6 +179,9 @@ pub fn label(method: &Method, facts: &Facts) -> String {
     }
     if method.splits > 1 {
         words.push(format!("splits={}", method.splits));
+    }
+    if method.reuse != Reuse::Off {
+        words.push(format!("reuse={}", method.reuse));
     }
     if method.aim != Aim::Off {
         words.push(format!("aim={}", method.aim));

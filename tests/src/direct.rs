@@ -115,7 +115,8 @@ fn picture(prepared: &Prepared, settings: &RenderSettings, samples: u32) -> Pict
     let next = std::sync::atomic::AtomicU32::new(0);
     let mut rows: Vec<(u32, tracer::RowResult)> = std::thread::scope(|scope| {
         let work = || {
-            let take = || Some(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)).filter(|row| *row < height);
+            let take =
+                || Some(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)).filter(|row| *row < render.rows());
             std::iter::from_fn(take).map(|row| (row, render.row(row))).collect::<Vec<_>>()
         };
         let cores = std::thread::available_parallelism().map_or(1, usize::from);

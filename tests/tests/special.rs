@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use common::{
-    method::{Aim, Direct, LightPick, MethodChoices},
+    method::{Aim, Direct, LightPick, MethodChoices, Reuse},
     scene::SceneFile,
 };
 use tessera_tests::direct::{Picture, render_without, scene};
@@ -39,6 +39,7 @@ fn no_specialisation_changes_a_bit() {
     let methods = [
         MethodChoices::default(),
         MethodChoices { aim: Some(Aim::Delta), splits: Some(2), ..MethodChoices::default() },
+        MethodChoices { reuse: Some(Reuse::Paths), ..MethodChoices::default() },
         MethodChoices {
             direct: Some(Direct::Light),
             light_pick: Some(Some(LightPick::All)),

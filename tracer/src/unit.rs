@@ -1,6 +1,7 @@
 //! Units: from a prepared scene and a unit's description to its pixels, a row at a time.
 
 mod pixel;
+mod regions;
 mod replay;
 
 #[cfg(test)]
@@ -21,7 +22,7 @@ use common::{
 use crate::{
     Assets,
     geometry::{Counters, Options, World},
-    integrator::{Integrator, REQUESTS, Wave},
+    integrator::{Integrator, MEMBERS, REQUESTS, Together, Wave},
     math::Rgb,
     sampler::Sampler,
     scene::{Draft, Facts, Scene},
@@ -29,6 +30,7 @@ use crate::{
 };
 
 use pixel::{Pixel, Source};
+pub(crate) use regions::{SIDE, group_of};
 pub use replay::Replay;
 
 /// A scene whose parts are in memory, before its acceleration structure is built.
@@ -105,7 +107,8 @@ impl Prepared {
     /// loaded for.
     #[must_use]
     pub fn sample(&self, settings: &RenderSettings, pixel: [u32; 2], sample: u32) -> Replay {
-        Replay::of(&Integrator::new(&self.0, &settings.method), &sampler(settings), pixel, sample)
+        let integrator = Integrator::new(&self.0, &settings.method);
+        Replay::of(&integrator, &sampler(settings), settings.resolution, pixel, sample)
     }
 
     /// Render `samples` of each pixel of `row`, and give `visit` the column, the number of the sample and its
@@ -119,6 +122,10 @@ impl Prepared {
     ) {
         let (integrator, sampler) = (Integrator::new(&self.0, &settings.method), sampler(settings));
         let mut counters = Counters::default();
+        if integrator.shares() {
+            let by = (&integrator, &sampler);
+            return regions::samples(by, settings.resolution, row, samples, &mut counters, visit);
+        }
         let all = (0..settings.resolution[0]).flat_map(|x| samples.clone().map(move |number| [x, row, number]));
         if !integrator.has_wave() {
             for [x, y, number] in all {
@@ -130,7 +137,7 @@ impl Prepared {
         let requests: Vec<[u32; 3]> = all.collect();
         let mut wave = Wave::new();
         for requests in requests.chunks(REQUESTS) {
-            integrator.wave(&mut wave, &sampler, requests, false, &mut counters);
+            integrator.wave(&mut wave, &sampler, requests, &[], false, &mut counters);
             for (i, &[x, _, number]) in requests.iter().enumerate() {
                 visit(x, number, wave.traced(i).sample.radiance);
             }
@@ -141,14 +148,23 @@ impl Prepared {
 /// What a thread needs to render rows in waves, kept from row to row.
 struct Workspace {
     wave: Box<Wave>,
+    together: Together,
     requests: Vec<[u32; 3]>,
+    /// Of requests that share paths, where each group ends.
+    ends: Vec<u32>,
     /// Of each request, how many samples its batch has, if it is the batch's first.
     begins: Vec<u32>,
 }
 
 impl Default for Workspace {
     fn default() -> Self {
-        Self { wave: Wave::new(), requests: Vec::with_capacity(REQUESTS), begins: Vec::with_capacity(REQUESTS) }
+        Self {
+            wave: Wave::new(),
+            together: Together::default(),
+            requests: Vec::with_capacity(REQUESTS),
+            ends: Vec::with_capacity(REQUESTS / MEMBERS),
+            begins: Vec::with_capacity(REQUESTS),
+        }
     }
 }
 
@@ -169,9 +185,10 @@ pub struct UnitRender<'a> {
     unit: &'a Unit,
     integrator: Integrator<'a>,
     sampler: Sampler,
+    resolution: [u32; 2],
 }
 
-/// One row of a unit.
+/// One row of a unit, or several in a row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RowResult {
     /// Moments, one a pixel.
@@ -188,16 +205,26 @@ impl<'a> UnitRender<'a> {
     /// A unit of a prepared scene, which was loaded for the method of `settings`.
     #[must_use]
     pub fn new(prepared: &'a Prepared, settings: &'a RenderSettings, unit: &'a Unit) -> Self {
-        Self { unit, integrator: Integrator::new(&prepared.0, &settings.method), sampler: sampler(settings) }
+        Self {
+            unit,
+            integrator: Integrator::new(&prepared.0, &settings.method),
+            sampler: sampler(settings),
+            resolution: settings.resolution,
+        }
     }
 
-    /// Number of rows.
+    /// Number of rows; of strips of several, where pixels share paths.
     #[must_use]
     pub fn rows(&self) -> u32 {
-        self.unit.id.rect.h
+        if self.in_strips() { self.strips() } else { self.unit.id.rect.h }
     }
 
-    /// Render row `row`, counted from the top of the unit.
+    /// Whether pixels share paths; by the textbook rule, which knows of no other pixel, they do not.
+    fn in_strips(&self) -> bool {
+        self.integrator.shares() && !matches!(self.unit.work, Work::Textbook { .. })
+    }
+
+    /// Render row or strip `row`, counted from the top of the unit.
     #[must_use]
     pub fn row(&self, row: u32) -> RowResult {
         let rect = self.unit.id.rect;
@@ -209,12 +236,14 @@ impl<'a> UnitRender<'a> {
             first_rejected: None,
         };
         let pixels = match self.unit.work {
+            _ if self.in_strips() => self.in_regions(row, &mut counters),
             Work::Textbook { .. } => self.one_by_one(row, &mut counters),
             _ if self.integrator.has_wave() => self.in_waves(row, &mut counters),
             _ => self.one_by_one(row, &mut counters),
         };
-        for (column, done) in (0..).zip(pixels.into_iter().map(Pixel::finish)) {
-            let (x, y) = (rect.x + column, rect.y + row);
+        let top = if self.in_strips() { self.strip(row).0 } else { rect.y + row };
+        for (i, done) in (0..).zip(pixels.into_iter().map(Pixel::finish)) {
+            let (x, y) = (rect.x + i % rect.w, top + i / rect.w);
             result.statistics.samples += u64::from(done.moments.samples);
             result.statistics.rejected += u64::from(done.rejected);
             result.first_rejected = result.first_rejected.or(done.first_rejected.map(|sample| [x, y, sample]));
@@ -287,7 +316,7 @@ impl<'a> UnitRender<'a> {
 
     /// Render what is asked for, and give it to its pixels.
     fn flush(&self, work: &mut Workspace, pixels: &mut [Pixel], counters: &mut Counters) {
-        self.integrator.wave(&mut work.wave, &self.sampler, &work.requests, self.unit.features, counters);
+        self.integrator.wave(&mut work.wave, &self.sampler, &work.requests, &[], self.unit.features, counters);
         for (i, (&[x, _, sample], &size)) in work.requests.iter().zip(&work.begins).enumerate() {
             let pixel = &mut pixels[(x - self.unit.id.rect.x) as usize];
             if size > 0 {

@@ -3,7 +3,7 @@
 use allocation_counter::{AllocationInfo, measure};
 use common::{
     job::JobId,
-    method::Method,
+    method::{Method, Reuse},
     pass::Work,
     protocol::{RenderSettings, Unit, UnitId},
     scene::SceneFile,
@@ -50,11 +50,11 @@ fn sheet(normals: &str, emission: f64) -> Value {
 }
 
 /// What a row costs at so many samples of a pixel, once room to work in is there.
-fn row(prepared: &Prepared, samples: u32, features: bool) -> AllocationInfo {
+fn row(prepared: &Prepared, samples: u32, features: bool, reuse: Reuse) -> AllocationInfo {
     let settings = RenderSettings {
         frame: 1,
         resolution: [WIDTH, 8],
-        method: Method::default(),
+        method: Method { reuse, ..Method::default() },
         seed: 1,
         batch: 16,
         batches_per_set: 4,
@@ -63,9 +63,11 @@ fn row(prepared: &Prepared, samples: u32, features: bool) -> AllocationInfo {
     let id = UnitId { job: JobId(1), frame: 1, tile: 0, pass: 0, rect };
     let unit = Unit { id, work: Work::Uniform { first: 0, samples }, features };
     let render = UnitRender::new(prepared, &settings, &unit);
-    let rays = render.row(3).statistics.rays;
+    // Where pixels share paths, all rows are rendered together.
+    let (first, second) = if reuse == Reuse::Off { (3, 4) } else { (0, 0) };
+    let rays = render.row(first).statistics.rays;
     assert!(rays > u64::from(WIDTH * samples), "something is traced");
-    measure(|| drop(render.row(4)))
+    measure(|| drop(render.row(second)))
 }
 
 #[test]
@@ -78,12 +80,18 @@ fn a_row_allocates_as_much_for_many_samples_as_for_few() {
         ("a sky", prepare(json!([sheet("flat", 0.0)]), sky.clone())),
         ("one path at a time", prepare(json!([sheet("smooth", 0.0)]), sky)),
     ] {
-        for features in [false, true] {
-            let (few, many) = (row(&prepared, 16, features), row(&prepared, 1024, features));
+        for (features, reuse) in [(false, Reuse::Off), (true, Reuse::Off), (false, Reuse::Paths), (true, Reuse::Paths)]
+        {
+            let (few, many) = (row(&prepared, 16, features, reuse), row(&prepared, 1024, features, reuse));
+            let rows = if reuse == Reuse::Off { 1 } else { 8 };
             assert_eq!(few.count_total, many.count_total, "{name}: allocations");
             assert_eq!(few.bytes_total, many.bytes_total, "{name}: bytes");
-            assert!(many.count_total <= 4, "{name}: {} allocations a row", many.count_total);
-            assert!(many.bytes_max < 400 * u64::from(WIDTH), "{name}: {} bytes a row", many.bytes_max);
+            assert!(
+                many.count_total <= if rows == 1 { 4 } else { 5 },
+                "{name}: {} allocations a row",
+                many.count_total
+            );
+            assert!(many.bytes_max < 400 * rows * u64::from(WIDTH), "{name}: {} bytes a row", many.bytes_max);
         }
     }
 }

@@ -182,7 +182,7 @@ fn picture(prepared: &Prepared, settings: &RenderSettings, samples: u32, threads
     let render = UnitRender::new(prepared, settings, &unit);
     let next = AtomicU32::new(0);
     let work = || {
-        let take = || Some(next.fetch_add(1, Ordering::Relaxed)).filter(|row| *row < h);
+        let take = || Some(next.fetch_add(1, Ordering::Relaxed)).filter(|row| *row < render.rows());
         std::iter::from_fn(take).map(|row| (row, render.row(row))).collect::<Vec<(u32, RowResult)>>()
     };
     let mut rows: Vec<(u32, RowResult)> = std::thread::scope(|scope| {

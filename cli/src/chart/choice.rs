@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use clap::value_parser;
 use common::{
     job::{JobRequest, MAX_SAMPLES},
-    method::{Aim, Direct, LightPick, LightSampling, Method, MethodChoices, Roulette},
+    method::{Aim, Direct, LightPick, LightSampling, Method, MethodChoices, Reuse, Roulette},
     plan::{Facts, LEAST_PIXELS, Trial, label},
 };
 use serde::Serialize;
@@ -179,6 +179,10 @@ fn row(args: &BenchAutoArgs, scene: &std::path::Path) -> Result<Row, Failure> {
     for (_, _, stage) in first.iter().take(SPLIT) {
         for splits in SPLITS {
             let method = Method { splits, ..stage.method().clone() };
+            split.extend(stage.with_method(&method).map(|stage| (label(&method, &facts), stage)));
+        }
+        if !facts.opacity {
+            let method = Method { reuse: Reuse::Paths, ..stage.method().clone() };
             split.extend(stage.with_method(&method).map(|stage| (label(&method, &facts), stage)));
         }
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::value_parser;
 use common::{
     job::{DEFAULT_MAX_SAMPLES, JobRequest, MAX_SAMPLES},
-    method::{Bvh, Direct, Method, MethodChoices, Roulette, Sampler, TriangleTest},
+    method::{Bvh, Direct, Method, MethodChoices, Reuse, Roulette, Sampler, TriangleTest},
 };
 
 use super::{
@@ -263,6 +263,7 @@ pub(super) fn careful((max_depth, only): (u32, Option<common::method::Only>), ba
         light_pick: Some(None),
         light_samples: Some(1),
         splits: Some(1),
+        reuse: Some(Reuse::Off),
         light_sampling: Some(None),
         sampler: Some(Sampler::Sobol),
         triangle: Some(TriangleTest::Watertight),

@@ -186,9 +186,10 @@ impl Stage {
             let result = render.row(row as u32);
             (result.moments, result.statistics.samples, thread_seconds() - started)
         });
-        let wide = self.region.w as usize;
-        for (row, (moments, samples, seconds)) in rows.into_iter().enumerate() {
-            for (pixel, later) in run.pixels[row * wide..].iter_mut().zip(moments) {
+        let mut pixels = run.pixels.iter_mut();
+        for (moments, samples, seconds) in rows {
+            // The moments end first, and no pixel is passed over.
+            for (later, pixel) in moments.into_iter().zip(pixels.by_ref()) {
                 *pixel = pixel.merge(later);
             }
             run.samples += samples;

@@ -1,6 +1,8 @@
 //! The methods a soak takes each scene through: every value of every choice, in changing company.
 
-use common::method::{Aim, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Roulette, Sampler, TriangleTest};
+use common::method::{
+    Aim, Bvh, Direct, Fresnel, LightPick, LightSampling, Only, Reuse, Roulette, Sampler, TriangleTest,
+};
 
 use crate::args::JobOptions;
 
@@ -24,7 +26,8 @@ pub fn method(scene: usize, i: usize) -> JobOptions {
         light_pick: Some(of(LightPick::ALL, i / 3 + scene)),
         light_samples: Some([1, 3][(i / 2 + scene) % 2]),
         splits: Some([1, 1, 4][(i + scene) % 3]),
-        aim: Some(of(Aim::ALL, i / 2 + i / 4 + scene)),
+        reuse: Some([Reuse::Off, Reuse::Off, Reuse::Paths][(i / 2 + i / 4 + scene) % 3]),
+        aim: Some([Aim::Off, Aim::Delta, Aim::Off][(i / 2 + i / 4 + scene) % 3]),
         fresnel: Some(of(Fresnel::ALL, i / 6 + i + scene)),
         sampler: Some(of(Sampler::ALL, i / 4 + scene)),
         roulette: Some(of(Roulette::ALL, i / 3 + scene / 2)),
@@ -51,6 +54,7 @@ pub fn words(options: &JobOptions) -> String {
     add("light-pick", options.light_pick.map(|choice| choice.to_string()));
     add("light-samples", options.light_samples.map(|n| n.to_string()));
     add("splits", options.splits.map(|n| n.to_string()));
+    add("reuse", options.reuse.map(|choice| choice.to_string()));
     add("aim", options.aim.map(|choice| choice.to_string()));
     add("only", options.only.map(|choice| choice.to_string()));
     add("fresnel", options.fresnel.map(|choice| choice.to_string()));

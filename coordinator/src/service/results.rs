@@ -118,11 +118,11 @@ impl Service {
         {
             let mut record = lock(&entry.record);
             // What a trial may choose, and nothing else, is the worker's.
-            let Method { direct, light_pick, light_samples, splits, light_sampling, aim, roulette, .. } =
+            let Method { direct, light_pick, light_samples, splits, reuse, light_sampling, aim, roulette, .. } =
                 plan.method.clone();
             let method = record.method.clone();
             record.method =
-                Method { direct, light_pick, light_samples, splits, light_sampling, aim, roulette, ..method };
+                Method { direct, light_pick, light_samples, splits, reuse, light_sampling, aim, roulette, ..method };
             record.plan = Some(MethodPlan { method: record.method.clone(), ..plan });
             record.prepare = None;
             drop(self.store.write(Write::Job(Box::new(record.clone()))));

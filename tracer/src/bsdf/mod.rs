@@ -210,6 +210,14 @@ impl Bsdf {
         }
     }
 
+    /// The reflectance, where towards `wo` light leaves by Lambert's law alone.
+    #[inline]
+    #[must_use]
+    pub fn reflects_diffusely(&self, wo: Vec3) -> Option<Rgb> {
+        let Lobes::Diffuse(lobe) = &self.lobes else { return None };
+        (wo.z > 0.0 || wo.z < 0.0 && self.two_sided).then_some(lobe.reflectance)
+    }
+
     /// Colour of the surface as a denoiser wants it, 0 to 1: about its albedo under light from everywhere,
     /// the tint of glass. Black only where nothing is scattered.
     #[must_use]

@@ -15,13 +15,14 @@
 
 mod direct;
 mod probe;
+mod reuse;
 mod roulette;
 mod wave;
 
 #[cfg(test)]
 mod tests;
 
-use common::method::{Aim, Direct, Method, Only, Roulette};
+use common::method::{Aim, Direct, Method, Only, Reuse, Roulette};
 
 use crate::{
     aim::Cones,
@@ -35,6 +36,8 @@ use crate::{
 };
 
 pub use probe::{End, Probe, Vertex};
+pub use reuse::{MEMBERS, Together};
+use reuse::{Share, Shares, Sharing};
 pub use roulette::survival;
 pub use wave::{Compiled, FirstHit, REQUESTS, Traced, WIDTH, Wave};
 
@@ -59,6 +62,8 @@ pub struct Integrator<'a> {
     light_samples: u32,
     /// In how many ways a path goes on from its first vertex that is no delta.
     splits: u32,
+    /// Whether paths of neighbouring pixels share what they find.
+    reuse: bool,
     /// What vertices aim at, if they do.
     aims: Option<&'a Aims>,
     roulette: Roulette,
@@ -140,6 +145,7 @@ struct Walk {
     arrival: Arrival,
     depth: u32,
     known: bool,
+    sharing: Sharing,
 }
 
 /// A vertex of a path with its local frame.
@@ -191,6 +197,8 @@ impl<'a> Integrator<'a> {
             },
             light_samples: method.light_samples,
             splits: method.splits.max(1),
+            // Densities of starts are those of Lambert's law (`Method::validate` refuses both).
+            reuse: method.reuse == Reuse::Paths && method.aim == Aim::Off && !masks,
             aims: (method.aim == Aim::Delta).then(|| scene.aims()),
             roulette: method.roulette,
             plain: !facts.attributes() && !masks,
@@ -216,13 +224,13 @@ impl<'a> Integrator<'a> {
     #[inline]
     #[must_use]
     pub fn sample(&self, x: u32, y: u32, stream: &Stream, counters: &mut Counters) -> Sample {
-        self.path(x, y, stream, counters, None)
+        self.path(x, y, stream, counters, None, None)
     }
 
     /// The same sample, told to `probe` vertex by vertex.
     #[must_use]
     pub fn probed(&self, x: u32, y: u32, stream: &Stream, counters: &mut Counters, probe: &mut dyn Probe) -> Sample {
-        self.path(x, y, stream, counters, Some(probe))
+        self.path(x, y, stream, counters, Some(probe), None)
     }
 
     fn path(
@@ -232,6 +240,7 @@ impl<'a> Integrator<'a> {
         stream: &Stream,
         counters: &mut Counters,
         mut probe: Option<&mut dyn Probe>,
+        mut shares: Option<&mut Shares>,
     ) -> Sample {
         let camera = self.scene.camera();
         let lens = camera.has_lens() || self.without.leaves(Special::Pinhole);
@@ -245,19 +254,30 @@ impl<'a> Integrator<'a> {
             arrival: Arrival::Only,
             depth: 0,
             known: false,
+            sharing: Sharing::No,
         };
+        let mut stream = *stream;
         let end = loop {
-            let shading = match self.arrive(&mut walk, stream, self.splits, counters, &mut probe) {
+            let share = shares.as_deref_mut().map(|shares| &mut shares.of_ways[0]);
+            let shading = match self.arrive(&mut walk, &stream, self.splits, counters, &mut probe, share) {
                 Ok(shading) => shading,
                 Err(end) => break end,
             };
             if self.splits > 1 && !shading.bsdf.is_delta() {
-                break self.split(&mut walk, &shading, stream, counters, &mut probe);
+                break self.split(&mut walk, &shading, &stream, counters, &mut probe, shares.as_deref_mut());
             }
-            if let Err(end) = self.scatter(&mut walk, &shading, stream, 1) {
+            if let Some(shares) = &mut shares
+                && self.start(&mut walk, &shading, &mut shares.of_ways[0])
+            {
+                stream = shares.rest;
+            }
+            if let Err(end) = self.scatter(&mut walk, &shading, &stream, 1) {
                 break end;
             }
         };
+        if let (Some(shares), Sharing::Ended) = (shares, walk.sharing) {
+            walk.radiance = shares.of_ways[0].close(walk.radiance);
+        }
         if let Some(probe) = probe {
             probe.end(end, walk.radiance);
         }
@@ -272,23 +292,32 @@ impl<'a> Integrator<'a> {
         stream: &Stream,
         counters: &mut Counters,
         probe: &mut Option<&mut dyn Probe>,
+        mut shares: Option<&mut Shares>,
     ) -> End {
+        let stream = shares.as_ref().map_or(*stream, |shares| shares.rest);
         let mut last = End::Depth;
         let mut sum = Rgb::ZERO;
         walk.known = true;
         for k in 0..self.splits {
             let stream = stream.fork(k, self.splits);
             let mut branch = Walk { radiance: Rgb::ZERO, known: false, ..*walk };
+            let mut share = shares.as_deref_mut().map(|shares| &mut shares.of_ways[k as usize]);
+            if let Some(share) = &mut share {
+                self.start(&mut branch, shading, share);
+            }
             let mut scattered = self.scatter(&mut branch, shading, &stream, self.splits);
             last = loop {
                 if let Err(end) = scattered {
                     break end;
                 }
-                scattered = match self.arrive(&mut branch, &stream, 1, counters, probe) {
+                scattered = match self.arrive(&mut branch, &stream, 1, counters, probe, share.as_deref_mut()) {
                     Ok(shading) => self.scatter(&mut branch, &shading, &stream, 1),
                     Err(end) => Err(end),
                 };
             };
+            if let (Some(share), Sharing::Ended) = (share, branch.sharing) {
+                branch.radiance = share.close(branch.radiance);
+            }
             sum += branch.radiance;
             if let Some(probe) = probe.as_deref_mut() {
                 probe.way(branch.radiance);
@@ -309,6 +338,7 @@ impl<'a> Integrator<'a> {
         splits: u32,
         counters: &mut Counters,
         probe: &mut Option<&mut dyn Probe>,
+        share: Option<&mut Share>,
     ) -> Result<Shading, End> {
         let depth = walk.depth;
         let opacity = dimension::at(depth, dimension::OPACITY);
@@ -333,6 +363,14 @@ impl<'a> Integrator<'a> {
         if depth >= self.max_depth {
             walk.known = depth == 0 && !self.scene.facts().opacity;
             return Err(End::Depth);
+        }
+        if let (Some(share), Sharing::Started) = (share, walk.sharing) {
+            walk.sharing = Sharing::No;
+            if let Some((end, _)) = self.joint(&shading) {
+                walk.sharing = Sharing::Ended;
+                walk.throughput = share.arrive(end, walk.radiance, walk.throughput);
+                walk.radiance = Rgb::ZERO;
+            }
         }
         counters.vertices += 1;
         walk.radiance += walk.throughput * self.direct(&shading, depth, splits, stream, counters);

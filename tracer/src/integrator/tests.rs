@@ -5,7 +5,7 @@ use std::path::Path;
 use common::{
     film::Moments,
     mesh::{Encoding, Picture},
-    method::{Aim, Direct, LightPick, LightSampling, Method, Only, Roulette, Sampler},
+    method::{Aim, Direct, LightPick, LightSampling, Method, Only, Reuse, Roulette, Sampler},
     pass::{Work, batch_for},
     scene::SceneFile,
     tile::Rect,
@@ -185,6 +185,29 @@ fn methods_agree_with_each_other() {
         let image = render(&scene, &method, samples(512), 16);
         assert_eq!(image.statistics.rejected, 0, "{name}");
         assert_agree(&image, &reference, 4.5, name);
+    }
+}
+
+/// Errors of pixels that share paths have much in common, so how far a mean is off is told by pictures of other samples.
+#[test]
+fn shared_paths_find_what_lone_paths_find() {
+    let scene = room();
+    let reference = render(&scene, &Method::default(), samples(8192), 16);
+    let (expected, of_expected) = reference.mean_and_error();
+    for (splits, direct, roulette) in [(1, Direct::Mis, Roulette::Throughput), (4, Direct::Light, Roulette::Fixed)] {
+        let method = with(|m| (m.reuse, m.splits, m.direct, m.roulette) = (Reuse::Paths, splits, direct, roulette));
+        let prepared = crate::testing::prepare(&scene, &method);
+        let frame = Rect::frame(scene.film.width, scene.film.height);
+        let part = |k: u32| {
+            let work = Work::Uniform { first: 64 * k, samples: 64 };
+            render_rect(&prepared, &settings(&scene, &method, 16), frame, work).mean_and_error().0
+        };
+        let means: Vec<f64> = (0..48).map(part).collect();
+        let n = means.len() as f64;
+        let mean = means.iter().sum::<f64>() / n;
+        let error = (means.iter().map(|m| (m - mean) * (m - mean)).sum::<f64>() / (n - 1.0) / n).sqrt();
+        let off = (mean - expected) / (error * error + of_expected * of_expected).sqrt();
+        assert!(error < 4e-3 * mean && off.abs() < 4.0, "{mean} ± {error}, expected {expected} ± {of_expected}: {off}");
     }
 }
 

@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use common::{
     luminance,
-    method::{Direct, Method},
+    method::{Direct, Method, Reuse},
     plan::{Considered, LEAST_PIXELS, MethodPlan, Trial, label},
     protocol::RenderSettings,
     tile::Rect,
@@ -23,15 +23,16 @@ use rayon::prelude::*;
 
 pub use self::questions::ruled_out;
 use self::{
-    questions::{Question, begin, questions},
-    tried::{GROUPS, Spread, Tried},
+    questions::{Question, begin, questions, sharing_is_open},
+    tried::{GROUPS, Gain, Spread, Tried},
 };
 use crate::{
     Prepared,
     geometry::Counters,
-    integrator::{Integrator, Probe, Wave},
+    integrator::{Integrator, MEMBERS, Probe, Together, Wave},
     math::Rgb,
     sampler::{Sampler, Stream},
+    unit::{SIDE, group_of},
 };
 
 /// Samples of a pixel of the pilot.
@@ -66,6 +67,9 @@ const SIGNIFICANCE_OF_AIM: f64 = 1.0;
 /// Going on in several ways must be better by so many squares of the standard error more: three seeds in eight of Veach's plates,
 /// where two pixels in a hundred make up most of the variance, would choose it wrongly otherwise.
 const SKEW: f64 = 3.0;
+/// Pixels share paths where that gains this at least, as a logarithm: their errors then have much in common, which shows as
+/// blotches and is no good to who works on with the picture.
+const WORTH_SHARING: f64 = 0.4;
 /// Keeps the samples apart from the picture's.
 const SEED: u64 = 0x7069_6C6F_7421_5EED;
 
@@ -158,7 +162,8 @@ impl<'a> Pilot<'a> {
     /// where it affords no trial.
     fn afforded(&self, first: &Tried, questions: &[Question]) -> Option<usize> {
         let Some(picture) = work::of_picture(self.trial, first, self.settings.batch) else { return Some(self.most()) };
-        let looks = 1.0 + questions.iter().map(|question| question.looks).sum::<f64>();
+        let sharing = if sharing_is_open(&first.method, self.prepared.facts(), self.trial) { 3.0 } else { 0.0 };
+        let looks = 1.0 + sharing + questions.iter().map(|question| question.looks).sum::<f64>();
         let of_pixel = first.work / first.variances.len() as f64;
         let group = PART * picture / (looks * of_pixel * GROUPS as f64);
         // `as` saturates.
@@ -233,14 +238,59 @@ impl<'a> Pilot<'a> {
             if mine > 0.0 { least / mine } else { 1.0 }
         };
         let chosen = efficiency(&best);
-        let considered = all.iter().map(|tried| Considered {
+        let considered = |tried: &Tried, efficiency: f64| Considered {
             name: label(&tried.method, facts),
             samples: tried.samples,
             variance: tried.variance(),
             cost: tried.cost(),
-            efficiency: efficiency(tried) / chosen,
-        });
-        Some((best.method.clone(), considered.collect()))
+            efficiency,
+        };
+        let mut considerations: Vec<Considered> =
+            all.iter().map(|tried| considered(tried, efficiency(tried) / chosen)).collect();
+        if let Some((shared, gain)) = self.sharing(&best.method, group) {
+            let better = libm::exp(gain.log);
+            considerations.push(considered(&shared, better));
+            if gain.log > WORTH_SHARING + SIGNIFICANCE * gain.error {
+                considerations.iter_mut().for_each(|other| other.efficiency /= better);
+                best = shared;
+            }
+        }
+        Some((best.method.clone(), considerations))
+    }
+
+    /// What is gained where pixels share the paths of `method`, which then go on in one way, in blocks of pixels that do: about
+    /// `group` pixels in each group of them. `None` where that is not to be tried.
+    fn sharing(&self, method: &Method, group: usize) -> Option<(Tried, Gain)> {
+        if !sharing_is_open(method, self.prepared.facts(), self.trial) {
+            return None;
+        }
+        let mut shared = method.clone();
+        shared.reuse = Reuse::Paths;
+        if self.trial.named.splits.is_none() {
+            shared.splits = 1;
+        }
+        let mut pilot = Pilot { pixels: Vec::new(), ..*self };
+        pilot.spread(group.div_ceil(MEMBERS));
+        let RenderSettings { seed, frame, batch, resolution, .. } = *self.settings;
+        let sampler = Sampler::new(method.sampler, seed ^ SEED, frame, batch);
+        let whole = |pixel: &[u32; 2]| {
+            // Where all of a group is in the picture.
+            let place = |i: usize| (pixel[i] / SIDE).min((resolution[i] / SIDE).checked_sub(1)?).checked_mul(SIDE);
+            group_of(&sampler, resolution, [place(0)? + pixel[0] % SIDE, place(1)? + pixel[1] % SIDE])
+        };
+        let blocks: Option<Vec<Vec<[u32; 2]>>> = pilot.pixels.iter().map(whole).collect();
+        pilot.pixels = blocks?.concat();
+        let all = 0..pilot.pixels.len();
+        let mut scales = vec![1.0; all.len()];
+        let alone = pilot.look(method, all.clone(), &mut scales, true)?;
+        let mut shared = pilot.look(&shared, all, &mut scales, false)?;
+        // Where each pixel gets what it needs, those of a block get what the one needs that needs most.
+        for block in shared.variances.chunks_mut(MEMBERS) {
+            let most = block.iter().fold(0.0, |most: f64, variance| most.max(*variance));
+            block.fill(most);
+        }
+        let gain = shared.gain(&alone);
+        Some((shared, gain))
     }
 
     /// Try a method in the pixels `which`, whole groups of them. `scales` are what variances are relative to; `set` them from
@@ -310,12 +360,15 @@ fn group(integrator: &Integrator, sampler: &Sampler, pixels: &[[u32; 2]], batche
     let mut counters = Counters::default();
     let batch = sampler.batch();
     let each = batches * batch;
+    if integrator.shares() {
+        return (shared(integrator, sampler, pixels, each, &mut counters), counters);
+    }
     let requests: Vec<[u32; 3]> = pixels.iter().flat_map(|&[x, y]| (0..each).map(move |s| [x, y, s])).collect();
     // Of each path its luminance, and the variance of that among its ways.
     let mut values = Vec::with_capacity(requests.len());
     if integrator.has_wave() {
         let mut wave = Wave::new();
-        integrator.wave(&mut wave, sampler, &requests, false, &mut counters);
+        integrator.wave(&mut wave, sampler, &requests, &[], false, &mut counters);
         values.extend((0..requests.len()).map(|i| {
             let ways = wave.ways(i).iter().map(|way| brightness(way.radiance));
             (brightness(wave.traced(i).sample.radiance), variance(ways))
@@ -326,21 +379,52 @@ fn group(integrator: &Integrator, sampler: &Sampler, pixels: &[[u32; 2]], batche
             values.push((brightness(radiance), variance(ways.iter().copied())));
         }
     }
-    let pixel = |values: &[(f64, f64)]| {
-        let mean_of = |values: &[(f64, f64)]| values.iter().map(|value| value.0).sum::<f64>() / values.len() as f64;
-        let means: Vec<f64> = values.chunks(batch as usize).map(mean_of).collect();
-        let mean = mean_of(values);
-        let squares = values.iter().map(|value| (value.0 - mean) * (value.0 - mean));
-        let (sum, most) = squares.fold((0.0, 0.0f64), |(sum, most), square| (sum + square, most.max(square)));
-        Looked {
-            mean,
-            plain: sum / (values.len() - 1) as f64,
-            peak: if sum > 0.0 { most / sum } else { 0.0 },
-            variance: variance(means.iter().copied()) * f64::from(batch),
-            among_ways: values.iter().map(|value| value.1).sum::<f64>() / values.len() as f64,
+    (values.chunks(each as usize).map(|values| looked(values, batch)).collect(), counters)
+}
+
+/// What `values` tell of their pixel: of each sample the luminance and the variance among its ways.
+fn looked(values: &[(f64, f64)], batch: u32) -> Looked {
+    let mean_of = |values: &[(f64, f64)]| values.iter().map(|value| value.0).sum::<f64>() / values.len() as f64;
+    let means: Vec<f64> = values.chunks(batch as usize).map(mean_of).collect();
+    let mean = mean_of(values);
+    let squares = values.iter().map(|value| (value.0 - mean) * (value.0 - mean));
+    let (sum, most) = squares.fold((0.0, 0.0f64), |(sum, most), square| (sum + square, most.max(square)));
+    Looked {
+        mean,
+        plain: sum / (values.len() - 1) as f64,
+        peak: if sum > 0.0 { most / sum } else { 0.0 },
+        variance: variance(means.iter().copied()) * f64::from(batch),
+        among_ways: values.iter().map(|value| value.1).sum::<f64>() / values.len() as f64,
+    }
+}
+
+/// Look at blocks of pixels that share their paths.
+fn shared(
+    integrator: &Integrator,
+    sampler: &Sampler,
+    pixels: &[[u32; 2]],
+    each: u32,
+    counters: &mut Counters,
+) -> Vec<Looked> {
+    let mut values = vec![Vec::with_capacity(each as usize); pixels.len()];
+    let blocks = || pixels.chunks(MEMBERS);
+    let (mut wave, mut room) = (Wave::new(), Together::default());
+    for sample in 0..each {
+        let requests: Vec<[u32; 3]> = pixels.iter().map(|[x, y]| [*x, *y, sample]).collect();
+        if integrator.has_wave() {
+            let ends: Vec<u32> = (1..=blocks().len()).map(|n| (n * MEMBERS).min(pixels.len()) as u32).collect();
+            integrator.wave(&mut wave, sampler, &requests, &ends, false, counters);
+            let luminance = |i| brightness(wave.traced(i).sample.radiance);
+            values.iter_mut().enumerate().for_each(|(i, values)| values.push((luminance(i), 0.0)));
+        } else {
+            for (block, values) in requests.chunks(MEMBERS).zip(values.chunks_mut(MEMBERS)) {
+                integrator.together(&mut room, sampler, block, None, counters);
+                let luminance = |i| brightness(room.traced(i).sample.radiance);
+                values.iter_mut().enumerate().for_each(|(i, values)| values.push((luminance(i), 0.0)));
+            }
         }
-    };
-    (values.chunks(each as usize).map(pixel).collect(), counters)
+    }
+    values.iter().map(|values| looked(values, sampler.batch())).collect()
 }
 
 /// One path by itself, and the luminance that each of its ways brings.

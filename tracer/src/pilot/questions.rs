@@ -2,7 +2,7 @@
 
 use common::{
     job::Quality,
-    method::{Aim, Direct, LightPick, LightSampling, Method, Roulette},
+    method::{Aim, Direct, LightPick, LightSampling, Method, Reuse, Roulette},
     plan::{Facts, RuledOut, Trial},
 };
 
@@ -75,7 +75,7 @@ pub(super) fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Que
     if named.light_sampling.is_none() && facts.area_lights {
         all.push(Question::of(1.0, vec![Box::new(|m| m.light_sampling = Some(LightSampling::Area))]));
     }
-    if named.aim.is_none() && first.max_depth > 1 && unaimed(facts).is_none() {
+    if named.aim.is_none() && first.max_depth > 1 && unaimed(facts, first.reuse).is_none() {
         // Before the others: what is found by chance once in a while would decide them.
         all.insert(0, Question::of(1.0, vec![Box::new(|m| m.aim = Aim::Delta)]));
     }
@@ -93,9 +93,17 @@ pub(super) fn questions(first: &Method, facts: &Facts, trial: &Trial) -> Vec<Que
     all
 }
 
+/// Whether it is worth a trial that pixels share paths.
+pub(super) fn sharing_is_open(method: &Method, facts: &Facts, trial: &Trial) -> bool {
+    let open = trial.named.reuse.is_none() && method.aim == Aim::Off && !counted(trial);
+    open && !facts.opacity && method.max_depth > 1 && facts.lights > 0
+}
+
 /// Why nothing is aimed at mirrors and smooth glass, if that is so.
-fn unaimed(facts: &Facts) -> Option<&'static str> {
-    if !facts.delta {
+fn unaimed(facts: &Facts, reuse: Reuse) -> Option<&'static str> {
+    if reuse != Reuse::Off {
+        Some("it does not go with reuse of paths")
+    } else if !facts.delta {
         Some("no mirror or smooth glass sends light on")
     } else if !facts.light_can_be_hit() {
         Some("no ray can hit a light")
@@ -146,13 +154,19 @@ pub fn ruled_out(facts: &Facts, trial: &Trial) -> Vec<RuledOut> {
     } else {
         add("area, stratified, solid-angle", "no light has a surface");
     }
+    if named.reuse.is_some() {
+        add("other reuse of paths", "one is named");
+    } else if facts.opacity {
+        add("reuse of paths", "whether one pixel's surface sees another's path is not sure behind opacity masks");
+    }
     if named.aim.is_some() {
         add("aim", "it is named");
-    } else if let Some(why) = unaimed(facts) {
+    } else if let Some(why) = unaimed(facts, named.reuse.unwrap_or(Reuse::Off)) {
         add("aim=delta", why);
     }
     if counted(trial) {
-        add("light-samples and splits above 1", "a number of samples is asked for, and they would make each dearer");
+        let why = "a number of samples is asked for, and they would make each dearer";
+        add("light-samples and splits above 1, reuse of paths", why);
     } else if named.light_samples.is_some() {
         add("other numbers of light samples", "one is named");
     } else if !(facts.area_lights || facts.environment || facts.lights > 1) {

@@ -1,14 +1,17 @@
 use common::{
-    method::{Bvh, Method},
+    film::Moments,
+    method::{Bvh, Method, Only, Reuse},
     pass::Work,
+    protocol::RenderSettings,
     scene::SceneFile,
     tile::Rect,
 };
 use serde_json::json;
 
 use crate::{
-    Assets,
+    Assets, Prepared,
     math::Vec3,
+    special::{Special, Without},
     testing::{prepare, render, render_rect, settings},
 };
 
@@ -29,11 +32,19 @@ fn scene() -> SceneFile {
 
 #[test]
 fn any_split_of_pixels_and_samples_gives_the_same_bits() {
-    let scene = scene();
-    let prepared = prepare(&scene, &Method::default());
-    let settings = settings(&scene, &Method::default(), 16);
+    for reuse in [Reuse::Off, Reuse::Paths] {
+        let method = Method { reuse, ..Method::default() };
+        let prepared = prepare(&scene(), &method);
+        let in_waves = split_anyhow(&prepared, &method);
+        let one_by_one = split_anyhow(&prepared.without(Without::all(&[Special::Waves])).unwrap(), &method);
+        assert!(in_waves == one_by_one, "{reuse}");
+    }
+}
+
+fn split_anyhow(prepared: &Prepared, method: &Method) -> Vec<Moments> {
+    let settings = settings(&scene(), method, 16);
     let frame = Rect::frame(24, 20);
-    let of = |rect, work| render_rect(&prepared, &settings, rect, work).film;
+    let of = |rect, work| render_rect(prepared, &settings, rect, work).film;
     let whole = of(frame, Work::Uniform { first: 16, samples: 48 });
     for rect in frame.split(50).into_iter().chain([Rect { x: 7, y: 3, w: 5, h: 9 }]) {
         let part = of(rect, Work::Uniform { first: 16, samples: 48 });
@@ -51,6 +62,34 @@ fn any_split_of_pixels_and_samples_gives_the_same_bits() {
         let expected = if i % 2 == 0 { Default::default() } else { whole.moments[i] };
         assert_eq!(by_pixel.moments[i], expected);
     }
+    whole.moments
+}
+
+#[test]
+fn pixels_that_share_paths_err_less_and_alike() {
+    // The floor under a ball, lit by way of a wall: what is found by two scatterings.
+    let mut scene = scene();
+    let wall = json!({ "type": "quad", "vertices": [[-3, 0, -2], [3, 0, -2], [3, 4, -2], [-3, 4, -2]] });
+    scene.shapes.push(serde_json::from_value(wall).unwrap());
+    let of = |reuse| {
+        let method = Method { reuse, only: Some(Only::Indirect), ..Method::default() };
+        render(&scene, &method, Work::Uniform { first: 0, samples: 512 }, 8).film.moments
+    };
+    let (alone, shared) = (of(Reuse::Off), of(Reuse::Paths));
+    // What the light reaches, and shadow of the ball.
+    let pixels: Vec<usize> = (0..alone.len()).filter(|i| alone[*i].luminance() > 0.01).collect();
+    assert!(pixels.len() > 50, "{}", pixels.len());
+    let variance = |all: &[Moments]| pixels.iter().map(|i| all[*i].variance_of_mean().unwrap()).sum::<f64>();
+    let ratio = variance(&alone) / variance(&shared);
+    assert!(ratio > 2.0, "variance is {ratio} times less");
+    // Neighbours hold 1/16 of each other's errors at least: their differences vary less than if they knew nothing of each other.
+    let mut worst = 0.0f64;
+    for i in &pixels {
+        let (a, b) = (&alone[*i], &shared[*i]);
+        let error = (a.variance_of_mean().unwrap() + b.variance_of_mean().unwrap()).sqrt();
+        worst = worst.max((a.luminance() - b.luminance()).abs() / error);
+    }
+    assert!(worst < 5.5, "a pixel is {worst} standard errors off");
 }
 
 #[test]
@@ -102,13 +141,22 @@ fn the_textbook_rule_stops_where_nothing_varies_and_goes_on_where_light_does() {
 #[test]
 fn a_replayed_sample_has_the_bits_of_the_image() {
     let scene = scene();
-    let prepared = prepare(&scene, &Method::default());
-    let settings = settings(&scene, &Method::default(), 1);
+    for reuse in [Reuse::Off, Reuse::Paths] {
+        let method = Method { reuse, ..Method::default() };
+        replays_are_those_of_the_image(&prepare(&scene, &method), &settings(&scene, &method, 1));
+    }
+}
+
+fn replays_are_those_of_the_image(prepared: &Prepared, settings: &RenderSettings) {
     for sample in 0..4 {
         let row = Rect { x: 0, y: 13, w: 24, h: 1 };
-        let image = render_rect(&prepared, &settings, row, Work::Uniform { first: sample, samples: 1 });
+        let image = render_rect(prepared, settings, row, Work::Uniform { first: sample, samples: 1 });
+        let mut alone = Vec::new();
+        prepared.samples(settings, 13, sample..sample + 1, |x, _, radiance| alone.push((x, radiance)));
+        alone.sort_by_key(|(x, _)| *x);
         for (x, pixel) in image.film.moments.iter().enumerate() {
-            let replay = prepared.sample(&settings, [x as u32, 13], sample);
+            let replay = prepared.sample(settings, [x as u32, 13], sample);
+            assert_eq!(alone[x], (x as u32, replay.radiance));
             assert_eq!(replay.radiance.as_dvec3().to_array(), pixel.mean);
             assert_eq!(replay.to_string().lines().count(), replay.vertices.len() + 1);
         }

@@ -43,6 +43,9 @@ impl Wave {
             if self.forked[i] == YES || self.scatters[i] == Scatters::Delta {
                 continue;
             }
+            if !self.members.is_empty() {
+                self.go_apart(i);
+            }
             self.forks.push(self.vertex(i));
             let slot = self.slot[i] as usize;
             // All that there is of the whole path: what was gathered so far.

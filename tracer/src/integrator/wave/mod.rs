@@ -11,6 +11,7 @@
 mod aims;
 mod direct;
 mod forks;
+mod reuse;
 mod scatter;
 mod stages;
 mod state;
@@ -22,7 +23,7 @@ pub use state::Wave;
 
 use state::{Came, Scatters};
 
-use super::{Integrator, Sample, Strategy, dimension, roulette::weight_window};
+use super::{Integrator, Sample, Strategy, dimension, reuse::MEMBERS, roulette::weight_window};
 use crate::{
     geometry::{Counters, NO_ROUND, Rays, SurfacePoint},
     lanes::{Lane, NO, YES, lanes_of},
@@ -124,18 +125,22 @@ impl Integrator<'_> {
     }
 
     /// Samples `requests`, each (column, row, sample): the same as [`Integrator::sample`] for each, found by
-    /// [`Wave::traced`]. With `features`, so are first hits. Asks for [`Integrator::has_wave`].
+    /// [`Wave::traced`]. Where paths share, `groups` tells up to which request each group reaches, as [`Integrator::together`]
+    /// would render them. With `features`, so are first hits. Asks for [`Integrator::has_wave`].
     pub fn wave(
         &self,
         wave: &mut Wave,
         sampler: &Sampler,
         requests: &[[u32; 3]],
+        groups: &[u32],
         features: bool,
         counters: &mut Counters,
     ) {
-        wave.begin(requests.len(), self.splits, features);
-        let forked = sampler.forked(self.splits);
-        let samplers = Samplers { whole: sampler, forked: &forked, batches: Batches::new(sampler, self.splits) };
+        wave.begin(requests.len(), self.splits, self.reuse, features);
+        let ways = if self.reuse { self.splits * MEMBERS as u32 } else { self.splits };
+        let forked = sampler.forked(ways);
+        let samplers = Samplers { whole: sampler, forked: &forked, batches: Batches::new(sampler, ways) };
+        wave.set_members(sampler, requests, if self.reuse { groups } else { &[] });
         wave.plain_points = sampler.is_plain() && !self.without.leaves(Special::Points);
         wave.run_without(self.without);
         wave.aims = self.aims.is_some();
@@ -144,7 +149,11 @@ impl Integrator<'_> {
             if wave.forks.is_empty() {
                 next = self.wave_camera(wave, &samplers, requests, next);
                 if wave.active() == 0 {
-                    return wave.join(self.splits);
+                    wave.join(self.splits);
+                    if self.reuse {
+                        self.wave_join_all(wave, groups, counters);
+                    }
+                    return;
                 }
             }
             let others = self.wave_trace(wave, counters);
@@ -158,6 +167,9 @@ impl Integrator<'_> {
                     wave.end(i, wave.depth[i] == 0);
                 }
             }
+            if self.reuse {
+                self.wave_arrive(wave);
+            }
             counters.vertices += u64::from(wave.active().count_ones());
             self.wave_aim(wave, wave.active());
             if self.direct.samples_lights() && !self.scene.lights().is_dark() {
@@ -166,6 +178,9 @@ impl Integrator<'_> {
             if self.splits > 1 {
                 let placed = wave.fork(self.splits);
                 self.wave_aim(wave, placed);
+            }
+            if self.reuse {
+                self.wave_start(wave);
             }
             self.wave_scatter(wave, &samplers);
         }

@@ -5,7 +5,10 @@ use crate::{
     bsdf::Facets,
     camera::Camera,
     geometry::{Spared, spawn, spawn_to, surface::triangle_point},
-    integrator::{dimension, power_heuristic},
+    integrator::{
+        dimension, power_heuristic,
+        reuse::{AT_ONCE, Joint, MEMBERS, density, total},
+    },
     lanes::{Flag, Lane, NO, YES, covering, stage},
     light::{Ball, FewBalls, Lamp, LampSample, Shard, of_child},
     math::{Frame, INV_PI, Rgb, Vec2, cosine_hemisphere, select, select3},
@@ -475,6 +478,57 @@ stage! {
             w.spared[1][i] = w.own[1][i] & leaves;
             w.from.set(i, w.p.at(i));
             w.from_n.set(i, w.n_reflecting.at(i));
+        }
+    }
+}
+
+stage! {
+    /// Shadow rays from all starts of a group to `count` ends at once, and the densities of those.
+    pub(super) fn join(w: &mut Wave, count: usize) {
+        for k in 0..AT_ONCE {
+            let (finder, end, _) = w.group.ends[k];
+            let used = k < count;
+            for j in 0..MEMBERS {
+                let i = k * MEMBERS + j;
+                let g = &w.group;
+                let start = Joint { p: g.p.at(i), p_error: g.p_error.at(i), ng: g.ng.at(i), n: g.n.at(i) };
+                let density = density(&start, &end);
+                let some = (density > 0.0) & (g.starts[i] == YES) & used;
+                let ray = spawn_to(start.p, start.p_error, start.ng, end.p, end.p_error, end.ng);
+                let d = ray.direction;
+                let cosine = d.dot(start.ng);
+                let leaves = u32::from(cosine * cosine > FLAT * d.length_squared()).wrapping_neg();
+                let spared = [g.own[0][i] & leaves, g.own[1][i] & leaves];
+                w.density[i] = select(some, density, 0.0);
+                w.lit[i] = Flag::from(some & (j as u32 != finder));
+                w.shadow_origin.set(i, ray.origin);
+                w.shadow_direction.set(i, d);
+                w.shadow_t_max[i] = ray.t_max;
+                (w.shadow_spared[0][i], w.shadow_spared[1][i]) = (spared[0], spared[1]);
+            }
+        }
+    }
+}
+
+stage! {
+    /// Give all members of a group their parts of what was found at `count` ends.
+    pub(super) fn give(w: &mut Wave, count: usize) {
+        for k in 0..count.min(AT_ONCE) {
+            let (finder, _, light) = w.group.ends[k];
+            let mut seen = [0.0; MEMBERS];
+            for j in 0..MEMBERS {
+                let i = k * MEMBERS + j;
+                let open = (j as u32 == finder) | (w.lit[i] == YES) & (w.occluded[i] == NO);
+                seen[j] = select(open, w.density[i], 0.0);
+            }
+            let (total, told) = total(&seen, finder as usize);
+            for j in 0..MEMBERS {
+                let i = k * MEMBERS + j;
+                let alone = select(j as u32 == finder, 1.0, 0.0);
+                let part = select(told, seen[j] / total, alone);
+                let sum = w.group.sum.at(i);
+                w.group.sum.set(i, sum + w.group.weight.at(i) * (light * part));
+            }
         }
     }
 }

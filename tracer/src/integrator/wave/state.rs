@@ -1,9 +1,9 @@
 //! What is known of the paths of a wave.
 
-use super::{FirstHit, Samplers, Traced, aims::AimLanes, forks::Fork, stages};
+use super::{FirstHit, Samplers, Traced, aims::AimLanes, forks::Fork, reuse::Group, stages};
 use crate::{
     geometry::{FewRays, Found, Ray, Spared},
-    integrator::{Arrival, Sample, dimension},
+    integrator::{Arrival, Sample, dimension, reuse::Share},
     lanes::{Compiled, Flag, Lane, Lane3, NO, Proven, WIDTH, YES, lanes_of, mask_of},
     light::{Ball, LightSample, Reference, Shard},
     math::{Frame, Rgb},
@@ -148,6 +148,14 @@ pub struct Wave {
     pub(super) firsts: Vec<Option<FirstHit>>,
     /// Whether its path was forked; and what came of each way.
     pub(super) splits: Vec<bool>,
+    // Of paths that share: whether a path is on the way from its start to its end, or beyond that;
+    // of each way of each request, what it shares; of each request, key and index of its rest.
+    pub(super) started: Lane<Flag>,
+    pub(super) beyond: Lane<Flag>,
+    pub(super) shares: Vec<Share>,
+    pub(super) members: Vec<(u64, u32)>,
+    pub(super) group: Group,
+    pub(super) density: Lane<f32>,
     pub(super) branches: Vec<Sample>,
     /// What is aimed at, where that is asked for.
     pub(super) aims: bool,
@@ -271,6 +279,12 @@ impl Wave {
             samples: Vec::new(),
             firsts: Vec::new(),
             splits: Vec::new(),
+            started: [NO; WIDTH],
+            beyond: [NO; WIDTH],
+            shares: Vec::new(),
+            members: Vec::new(),
+            group: Group::EMPTY,
+            density: zero,
             branches: Vec::new(),
             aims: false,
             aim: AimLanes::NONE,
@@ -295,7 +309,7 @@ impl Wave {
     }
 
     /// Make room for what comes of `requests` paths, which are forked `splits` ways.
-    pub(super) fn begin(&mut self, requests: usize, splits: u32, features: bool) {
+    pub(super) fn begin(&mut self, requests: usize, splits: u32, reuse: bool, features: bool) {
         let nothing = Sample { radiance: Rgb::ZERO, known: false };
         self.samples.clear();
         self.samples.resize(requests, nothing);
@@ -304,6 +318,9 @@ impl Wave {
         self.splits.resize(if ways > 0 { requests } else { 0 }, false);
         self.branches.resize(requests * ways, nothing);
         self.forks.clear();
+        self.shares.clear();
+        self.shares.resize(if reuse { requests * ways.max(1) } else { 0 }, Share::NOTHING);
+        (self.started, self.beyond) = ([NO; WIDTH], [NO; WIDTH]);
         self.firsts.clear();
         self.firsts.resize(if features { requests } else { 0 }, None);
         self.n = requests.saturating_mul(splits as usize).min(WIDTH);
@@ -341,8 +358,8 @@ impl Wave {
     pub(super) fn end(&mut self, i: usize, known: bool) {
         self.alive[i] = NO;
         self.idle |= 1 << i;
-        let sample = Sample { radiance: self.radiance.at(i), known };
-        if self.forked[i] == YES {
+        let sample = Sample { radiance: self.close(i), known };
+        if self.forked[i] == YES && !self.branches.is_empty() {
             self.branches[self.way[i] as usize] = sample;
         } else {
             self.samples[self.slot[i] as usize] = sample;

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use common::{
-    method::{Aim, Direct, LightPick, LightSampling, Method, Only, Roulette, Sampler as Kind},
+    method::{Aim, Direct, LightPick, LightSampling, Method, Only, Reuse, Roulette, Sampler as Kind},
     scene::SceneFile,
 };
 use serde_json::json;
@@ -11,7 +11,7 @@ use serde_json::json;
 use super::*;
 use crate::{
     geometry::spawn,
-    integrator::{End, Probe, Vertex},
+    integrator::{End, Probe, Together, Vertex},
     lanes::Flag,
     testing::prepare,
 };
@@ -98,6 +98,79 @@ impl Probe for First {
     fn end(&mut self, _: End, _: Rgb) {}
 }
 
+/// Render groups of pixels that share their paths both ways; how many samples carried light.
+fn compare_groups(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled: Compiled) -> usize {
+    let Some(mut wave) = Wave::compiled_for(compiled) else { return usize::MAX };
+    let prepared = prepare(scene, method);
+    let integrator = Integrator::new(prepared.scene(), method);
+    assert!(integrator.has_wave() && integrator.shares(), "{name}");
+    let sampler = Sampler::new(method.sampler, 7, 1, batch).in_sets(4);
+    // Groups of 16, and smaller ones as at a picture's border.
+    let group = |n: u32, s: u32| -> Vec<[u32; 3]> {
+        let size = [16, 16, 3, 1, 7][n as usize % 5];
+        (0..size).map(|i| [n % 6 * 4 + i % 4, n / 6 % 4 * 4 + i / 4, s]).collect()
+    };
+    let groups: Vec<Vec<[u32; 3]>> = (0..24).flat_map(|n| (0..5).map(move |s| group(n, s * 9))).collect();
+    let (mut bright, mut counters, mut expected_counters) = (0, Counters::default(), Counters::default());
+    let mut room = Together::default();
+    for some in groups.chunks(40).chain(groups.chunks(1).take(10)) {
+        let requests = some.concat();
+        let ends: Vec<u32> = some
+            .iter()
+            .scan(0, |end, group| {
+                *end += group.len() as u32;
+                Some(*end)
+            })
+            .collect();
+        integrator.wave(&mut wave, &sampler, &requests, &ends, true, &mut counters);
+        let mut slot = 0;
+        for group in some {
+            integrator.together(&mut room, &sampler, group, None, &mut expected_counters);
+            for (i, member) in group.iter().enumerate() {
+                assert_eq!(wave.traced(slot), room.traced(i), "{name}: {member:?}");
+                bright += usize::from(wave.traced(slot).sample.radiance != Rgb::ZERO);
+                slot += 1;
+            }
+        }
+    }
+    assert_eq!(counters.rays, expected_counters.rays, "{name}");
+    bright
+}
+
+#[test]
+fn paths_that_are_shared_have_the_bits_of_one_after_the_other() {
+    let ball = json!({ "type": "sphere", "center": [0, 3, 0], "radius": 0.3, "emission": 20 });
+    let sky = json!({ "shapes": [lamp(), ball], "environment": { "type": "constant", "radiance": [0.1, 0.2, 0.4] } });
+    // Enough to be put into a tree.
+    let crowd = |i: u32| json!({ "type": "sphere", "material": "wall", "center": [0.2 * f64::from(i % 9) - 1.0, 0.1, 0.3 * f64::from(i / 9)], "radius": 0.1 });
+    let crowd: Vec<_> = (0..80).map(crowd).collect();
+    let scenes = [
+        ("a lamp", scene(json!({ "shapes": [lamp()] }), json!([]))),
+        ("all materials", scene(json!({ "shapes": [lamp()] }), balls())),
+        ("several lights", scene(sky, balls())),
+        ("a tree", scene(json!({ "shapes": [lamp()] }), json!(crowd))),
+    ];
+    let plain = Method { reuse: Reuse::Paths, roulette: Roulette::Late, ..Method::default() };
+    let methods = [
+        plain.clone(),
+        Method { splits: 4, ..plain.clone() },
+        Method { direct: Direct::Bsdf, roulette: Roulette::Fixed, ..plain.clone() },
+        Method { direct: Direct::Light, only: Some(Only::Indirect), ..plain.clone() },
+        Method { sampler: Kind::Independent, max_depth: 2, ..plain.clone() },
+    ];
+    for (name, scene) in &scenes {
+        for method in &methods {
+            for batch in [16, 5] {
+                let bright = compare_groups(&format!("{name} {method:?}"), scene, method, batch, Compiled::detect());
+                assert!(bright > 100, "{name} {method:?}: {bright}");
+            }
+        }
+    }
+    for compiled in Compiled::ALL {
+        assert!(compare_groups(&format!("{compiled:?}"), &scenes[1].1, &plain, 16, compiled) > 100);
+    }
+}
+
 /// Render every pixel both ways; how many samples carried light.
 fn compare(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled: Compiled) -> usize {
     let Some(mut wave) = Wave::compiled_for(compiled) else { return usize::MAX };
@@ -111,7 +184,7 @@ fn compare(name: &str, scene: &SceneFile, method: &Method, batch: u32, compiled:
     // Waves that are full, and some that are not, also after one that was.
     let turns = requests.chunks(WIDTH + 5).take(40).flat_map(|both| both.chunks(WIDTH));
     for chunk in requests.chunks(1000).chain(requests.chunks(11).take(20)).chain(turns) {
-        integrator.wave(&mut wave, &sampler, chunk, true, &mut counters);
+        integrator.wave(&mut wave, &sampler, chunk, &[], true, &mut counters);
         for (i, &[x, y, sample]) in chunk.iter().enumerate() {
             let mut first = First::default();
             let stream = sampler.stream(x, y, sample);
@@ -430,7 +503,7 @@ fn spheres_that_rays_end_before_would_not_have_been_hit() {
             TriangleTest::Watertight,
         );
         let ball = Ball { emitter: 0, center, radius, two_sided: round % 2 == 0, radiance: Rgb::ONE, chosen: 1.0 };
-        wave.begin(WIDTH, 1, false);
+        wave.begin(WIDTH, 1, false, false);
         for i in 0..WIDTH {
             let stream = sampler.stream(2 + i as u32, round, 0);
             let height = [1e-3, 0.1, 1.0, 100.0][i % 4] * (0.5 + stream.one(0));
