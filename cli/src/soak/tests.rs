@@ -40,7 +40,7 @@ fn every_scene_meets_every_value_of_every_choice() {
             )+}
         }
         meets!(direct: 5, light_sampling: 3, light_pick: 4, light_samples: 2, fresnel: 2, sampler: 3, roulette: 4);
-        meets!(triangle: 2, aim: 2, bvh: 3, max_depth: 4, only: 3, seed: methods::COUNT);
+        meets!(triangle: 2, aim: 2, reuse: 2, bvh: 3, max_depth: 4, only: 3, seed: methods::COUNT);
         let pairs: BTreeSet<_> = all.iter().map(|m| format!("{:?} {:?}", m.direct, m.light_sampling)).collect();
         assert_eq!(pairs.len(), 15, "scene {scene}");
     }
