@@ -198,7 +198,7 @@ impl<'a> Integrator<'a> {
             light_samples: method.light_samples,
             splits: method.splits.max(1),
             // Densities of starts are those of Lambert's law (`Method::validate` refuses both).
-            reuse: method.reuse == Reuse::Paths && method.aim == Aim::Off && !masks,
+            reuse: method.reuse == Reuse::Paths && method.aim == Aim::Off && !facts.opacity,
             aims: (method.aim == Aim::Delta).then(|| scene.aims()),
             roulette: method.roulette,
             plain: !facts.attributes() && !masks,
