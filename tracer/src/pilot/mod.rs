@@ -284,8 +284,10 @@ impl<'a> Pilot<'a> {
         let mut scales = vec![1.0; all.len()];
         let alone = pilot.look(method, all.clone(), &mut scales, true)?;
         let mut shared = pilot.look(&shared, all, &mut scales, false)?;
-        // Where each pixel gets what it needs, those of a block get what the one needs that needs most.
-        for block in shared.variances.chunks_mut(MEMBERS) {
+        // Where each pixel gets what it needs, those of a block get what the one needs that needs most. Where it is not known what is
+        // asked, all get the same.
+        let as_needed = self.trial.quality.is_some();
+        for block in shared.variances.chunks_mut(MEMBERS).filter(|_| as_needed) {
             let most = block.iter().fold(0.0, |most: f64, variance| most.max(*variance));
             block.fill(most);
         }
