@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use common::{
     job::FieldError,
-    method::{Direct, Method},
+    method::{Direct, Method, Reuse},
     scene::{self, MaterialKind, MeshSource, Normals, SceneFile, ShapeKind},
 };
 
@@ -491,6 +491,9 @@ impl<'a> Compiler<'a> {
         if facts.delta_lights && matches!(method, Direct::Bsdf | Direct::Hemisphere) {
             self.warnings
                 .push(format!("--direct {method} finds no light without a surface: point, spot and directional"));
+        }
+        if facts.opacity && self.method.reuse != Reuse::Off {
+            self.warnings.push(format!("--reuse {} shares nothing: the scene has opacity masks", self.method.reuse));
         }
         let sources = LightSources { areas: self.areas, deltas, environment, scene_radius: scene_radius(&self.world) };
         let lights = Lights::build(sources, self.method);

@@ -198,6 +198,13 @@ fn what_is_missing_is_an_error_and_what_is_odd_a_warning() {
     let loaded = crate::Loaded::new(&dark, &Assets::default(), &Method::default(), [8, 8]).unwrap();
     assert!(loaded.warnings()[0].contains("shapes[1]: 1 of 1 triangles"), "{:?}", loaded.warnings());
     assert!(loaded.warnings()[1].contains("no light"), "{:?}", loaded.warnings());
+    let masked = json!({ "tessera": 1, "camera": { "position": [0, 0, 3], "target": [0, 0, 0] },
+        "materials": { "lace": { "type": "diffuse", "opacity": 0.5 } },
+        "shapes": [{ "type": "sphere", "material": "lace" }, { "type": "sphere", "center": [0, 3, 0], "emission": 1 }] });
+    let masked = SceneFile::parse(masked.to_string().as_bytes()).unwrap();
+    let shared = Method { reuse: Reuse::Paths, ..Method::default() };
+    let loaded = crate::Loaded::new(&masked, &Assets::default(), &shared, [8, 8]).unwrap();
+    assert_eq!(loaded.warnings(), ["--reuse paths shares nothing: the scene has opacity masks"]);
     let error = |shape: serde_json::Value| {
         let scene =
             json!({ "tessera": 1, "camera": { "position": [0, 0, 3], "target": [0, 0, 0] }, "shapes": [shape] });
