@@ -5,7 +5,7 @@ use crate::{
     bsdf::Eval,
     geometry::{Counters, Rays, spawn},
     integrator::{Integrator, Strategy, dimension, power_heuristic},
-    lanes::{Flag, Lane3, NO, WIDTH, YES, lanes_of, mask_of},
+    lanes::{Flag, Lane, Lane3, NO, WIDTH, YES, lanes_of, mask_of},
     light::{AtOnce, Drawn, Reference},
     math::{Rgb, Vec2, Vec3},
     special::Special,
@@ -84,14 +84,21 @@ impl Integrator<'_> {
             wave.shadow_t_max[i] = ray.t_max;
             (wave.shadow_spared[0][i], wave.shadow_spared[1][i], wave.shadow_ended[i]) = (0, 0, 0);
         }
+        let (n, ended) = (wave.n, wave.shadow_ended);
+        self.wave_shadows(wave, n, &ended, counters);
+    }
+
+    /// Whether anything is in the way of the shadow rays of the first `n` lanes that are lit; they are not held against what
+    /// they have `ended` before.
+    pub(super) fn wave_shadows(&self, wave: &mut Wave, n: usize, ended: &Lane<u32>, counters: &mut Counters) {
         let rays = Rays {
-            n: wave.n,
+            n,
             active: &wave.lit,
             origin: &wave.shadow_origin,
             direction: &wave.shadow_direction,
             t_max: &wave.shadow_t_max,
             spared: &wave.shadow_spared,
-            ended: &wave.shadow_ended,
+            ended,
         };
         let accel = self.scene.accel();
         if !accel.occluded_of(&mut wave.few, &rays, &mut wave.occluded, counters) {

@@ -2,7 +2,7 @@
 
 use super::{Scatters, Wave, stages};
 use crate::{
-    geometry::{Counters, NO_ROUND, Rays},
+    geometry::{Counters, NO_ROUND},
     integrator::{
         Integrator,
         reuse::{AT_ONCE, Joint, MEMBERS, Share, common},
@@ -184,21 +184,7 @@ impl Integrator<'_> {
                 break;
             }
             stages::join(wave.proven, wave, count);
-            let rays = Rays {
-                n: WIDTH,
-                active: &wave.lit,
-                origin: &wave.shadow_origin,
-                direction: &wave.shadow_direction,
-                t_max: &wave.shadow_t_max,
-                spared: &wave.shadow_spared,
-                ended: NO_ROUND,
-            };
-            let accel = self.scene.accel();
-            if !accel.occluded_of(&mut wave.few, &rays, &mut wave.occluded, counters) {
-                for i in lanes_of(mask_of(&wave.lit)) {
-                    wave.occluded[i] = Flag::from(accel.occluded(&rays.at(i), counters));
-                }
-            }
+            self.wave_shadows(wave, WIDTH, NO_ROUND, counters);
             stages::give(wave.proven, wave, count);
         }
         for (j, slot) in slots.enumerate() {
